@@ -1,0 +1,214 @@
+"""Repair until every part is a disk: join pieces, undo pinches, split rings, merge back to the count asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse.csgraph import dijkstra
+
+from partition.check import check_partition, seam_table
+from partition.dual_graph import FloatArray, IntArray, dual_graph, edge_lengths, label_components, vertex_starts
+from partition.errors import PartitionError
+
+_ROUNDS = 50
+
+
+def _drop_empty(labels: IntArray) -> IntArray:
+    _, dense = np.unique(labels, return_inverse=True)
+    return dense.reshape(-1).astype(np.int64)
+
+
+def _join_pieces(twins: IntArray, lengths: FloatArray, labels: IntArray) -> IntArray:
+    """Give every piece but the largest of each part to the neighbour with the longest common border."""
+    labels = labels.copy()
+    while True:
+        count, pieces = label_components(twins, labels)
+        part_count = int(labels.max()) + 1
+        if count == len(np.unique(labels)):
+            return labels
+        sizes = np.bincount(pieces, minlength=count)
+        owner = np.empty(count, np.int64)
+        owner[pieces] = labels
+        largest = np.full(part_count, -1, np.int64)
+        for piece in np.argsort(-sizes, kind="stable"):
+            if largest[owner[piece]] < 0:
+                largest[owner[piece]] = piece
+        stray = np.ones(count, bool)
+        stray[largest[largest >= 0]] = False
+        inner = np.flatnonzero(twins >= 0)
+        here, there = pieces[inner // 3], pieces[twins[inner] // 3]
+        border = stray[here] & ~stray[there]  # a stray that touches strays only waits for the next turn
+        here, there, weight = here[border], there[border], lengths[inner[border]]
+        key = here * part_count + owner[there]
+        unique, index = np.unique(key, return_inverse=True)
+        total = np.bincount(index, weight)
+        order = np.lexsort((unique, -total, unique // part_count))
+        strays, first = np.unique(unique[order] // part_count, return_index=True)
+        owner[strays] = unique[order][first] % part_count
+        labels = owner[pieces]
+
+
+def _undo_pinches(
+    faces: IntArray, twins: IntArray, labels: IntArray, vertices: IntArray, parts: IntArray, starts: IntArray
+) -> IntArray:
+    """Around each pinched vertex keep the longest run of the part, give the others to the run beside them."""
+    labels = labels.copy()
+    for vertex, part in zip(vertices.tolist(), parts.tolist(), strict=True):
+        fan, h = [], int(starts[vertex])
+        while True:
+            fan.append(h // 3)
+            h = int(twins[h - 1 if h % 3 else h + 2])
+            if h < 0 or h == starts[vertex]:
+                break
+        closed = h >= 0
+        around = labels[fan]
+        inside = around == part
+        if inside.all() or not inside.any():
+            continue
+        shift = int(np.flatnonzero(~inside)[0]) if closed else 0
+        fan = fan[shift:] + fan[:shift]
+        around, inside = np.roll(around, -shift), np.roll(inside, -shift)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
+        runs = edges.reshape(-1, 2)
+        keep = int(np.argmax(runs[:, 1] - runs[:, 0]))
+        for r, (start, stop) in enumerate(runs):
+            if r != keep:
+                beside = around[start - 1] if start > 0 else around[stop]
+                labels[fan[start:stop]] = beside
+    return labels
+
+
+def _rings_to_halves(
+    vertices: FloatArray, faces: IntArray, twins: IntArray, lengths: FloatArray, labels: IntArray, part: int
+) -> IntArray:
+    """Cut a part with holes along a shortest path between two of its loops, and along the points halfway round.
+
+    Faces nearer (across faces of the part, not through the path) to the left side of the path form one half.
+    A part without boundary (a closed surface) is split in two by distance from a face and from the face farthest off.
+    """
+    members = np.flatnonzero(labels == part)
+    local = np.full(len(labels), -1, np.int64)
+    local[members] = np.arange(len(members))
+    half = (3 * members[:, None] + np.arange(3)).reshape(-1)
+    across = twins[half]
+    inside = (across >= 0) & (local[np.maximum(across, 0) // 3] >= 0)
+    flat = faces.reshape(-1)
+    tail = flat[half]
+    head = faces[members][:, [1, 2, 0]].reshape(-1)
+    from scipy.sparse import coo_array
+
+    n = len(members)
+    new_label = int(labels.max()) + 1
+    labels = labels.copy()
+    rim = ~inside
+    loop_of = {}
+    follower = dict(zip(tail[rim].tolist(), head[rim].tolist(), strict=True))
+    loops: list[list[int]] = []
+    for vertex in sorted(follower):
+        if vertex in loop_of:
+            continue
+        loop = []
+        while vertex not in loop_of:
+            loop_of[vertex] = len(loops)
+            loop.append(vertex)
+            vertex = follower[vertex]
+        loops.append(loop)
+    rows = np.repeat(np.arange(n), 3)
+    if len(loops) == 0:
+        graph = dual_graph(twins, lengths)[members][:, members]
+        first = int(np.argmax(dijkstra(graph, directed=False, indices=0)))
+        from_first = dijkstra(graph, directed=False, indices=first)
+        from_other = dijkstra(graph, directed=False, indices=int(np.argmax(from_first)))
+        labels[members[from_other < from_first]] = new_label
+        return labels
+    if len(loops) < 2:
+        raise PartitionError(f"part {part} is neither a disk nor a ring: the surface has a handle")
+    ids, dense = np.unique(np.concatenate([tail, head]), return_inverse=True)
+    t, h = dense[: len(tail)], dense[len(tail) :]
+    step = lengths[half]
+    graph = coo_array((step, (t, h)), shape=(len(ids), len(ids))).tocsr()
+    sources = np.searchsorted(ids, np.array(max(loops, key=len)))
+    distance, previous, _ = dijkstra(
+        graph.maximum(graph.T), directed=False, indices=sources, min_only=True, return_predecessors=True
+    )
+    main = loop_of[max(loops, key=len)[0]]
+    goals = np.array([v for v, loop in loop_of.items() if loop != main])
+    goal = int(np.searchsorted(ids, goals[np.argmin(distance[np.searchsorted(ids, goals)])]))
+    path = [goal]
+    while previous[path[-1]] >= 0:
+        path.append(int(previous[path[-1]]))
+    on_path = {(ids[a], ids[b]) for a, b in zip(path[:-1], path[1:], strict=True)}
+    forward = np.array([(a, b) in on_path for a, b in zip(tail.tolist(), head.tolist(), strict=True)])
+    backward = np.array([(b, a) in on_path for a, b in zip(tail.tolist(), head.tolist(), strict=True)])
+    free = inside & ~forward & ~backward
+    centre = vertices[faces[members]].mean(axis=1)
+    there = local[across[free] // 3]
+    gap = np.linalg.norm(centre[rows[free]] - centre[there], axis=1)
+    walk = coo_array((gap + 1e-12 * gap.max(), (rows[free], there)), shape=(n, n)).tocsr()
+    left = dijkstra(walk, directed=False, indices=np.unique(rows[forward]), min_only=True)
+    right = dijkstra(walk, directed=False, indices=np.unique(rows[backward]), min_only=True)
+    labels[members[right < left]] = new_label
+    return labels
+
+
+def _merge_to(
+    vertices: FloatArray, faces: IntArray, twins: IntArray, labels: IntArray, part_count: int
+) -> IntArray:
+    """Merge the pair of disks with the smallest union, among those whose union is a disk, until the count is met."""
+    table = seam_table(vertices, faces, twins, labels)
+    count = int(labels.max()) + 1
+    relabel = np.arange(count)
+    sizes = np.bincount(labels, minlength=count)
+    for _ in range(count - part_count):
+        contacts = table.contacts(relabel)
+        usable = np.flatnonzero(contacts.is_arc)
+        if len(usable) == 0:
+            raise PartitionError(f"no two of {len(np.unique(relabel))} parts form a disk together")
+        pairs = contacts.pairs[usable]
+        best = int(np.lexsort((-contacts.length[usable], sizes[pairs].sum(axis=1)))[0])
+        keep, gone = pairs[best]
+        relabel[relabel == gone] = keep
+        sizes[keep] += sizes[gone]
+    return _drop_empty(relabel[labels])
+
+
+def make_disks(
+    vertices: FloatArray, faces: IntArray, twins: IntArray, labels: IntArray, part_count: int
+) -> IntArray:
+    """Labels near the given ones whose parts are all disks, ``part_count`` of them. Deterministic.
+
+    Raises PartitionError where the surface cannot carry that many disks.
+    """
+    lengths = edge_lengths(vertices, faces)
+    starts = vertex_starts(faces, twins, len(vertices))
+    labels = _drop_empty(labels)
+    for _ in range(_ROUNDS):
+        labels = _drop_empty(_join_pieces(twins, lengths, labels))
+        count = int(labels.max()) + 1
+        report = check_partition(faces, twins, labels, count)
+        if report.is_valid and count >= part_count:
+            break
+        if len(report.pinched_vertices):
+            labels = _undo_pinches(faces, twins, labels, report.pinched_vertices, report.pinched_parts, starts)
+            continue
+        for part in np.flatnonzero(report.euler_characteristic != 1):
+            labels = _rings_to_halves(vertices, faces, twins, lengths, labels, int(part))
+        if report.is_valid:
+            labels = _split_largest(twins, lengths, labels)
+    else:
+        raise PartitionError(f"could not make {part_count} disks in {_ROUNDS} rounds of repair")
+    return _merge_to(vertices, faces, twins, labels, part_count)
+
+
+def _split_largest(twins: IntArray, lengths: FloatArray, labels: IntArray) -> IntArray:
+    """Bisect the part with the most faces."""
+    from partition.kway import bisection_labels
+
+    sizes = np.bincount(labels)
+    part = int(np.argmax(sizes))
+    if sizes[part] < 2:
+        raise PartitionError(f"the mesh has only {len(labels)} faces, too few for more than {len(sizes)} patches")
+    members = np.flatnonzero(labels == part)
+    labels = labels.copy()
+    halves = bisection_labels(dual_graph(twins, lengths)[members][:, members], 2)
+    labels[members[halves == 1]] = len(sizes)
+    return labels

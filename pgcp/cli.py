@@ -1,0 +1,195 @@
+"""The command ``pgcp-run``: the only place that prints and that sets an exit status."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+from pgcp.errors import InputError, NumericalError
+from pgcp.options import FLATTENERS, TARGETS, Options
+from pgcp.types import Mesh, Parameterization
+
+GOOD, BUG, BAD_INPUT, NUMERICAL = 0, 1, 2, 3
+_INTERRUPTED = 130
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Build the command line's parser."""
+    parser = argparse.ArgumentParser(
+        prog="pgcp-run",
+        description="Map a triangle mesh conformally to the plane, patch by patch and in parallel.",
+        epilog="Exit status: 0 good, 2 bad input or usage, 3 numerical failure or folds, 1 a bug.",
+    )
+    parser.add_argument("mesh", nargs="?", type=Path, help="PLY, OBJ, STL, OFF, GLB or glTF file; without it, a built-in demo")
+    parser.add_argument("--patches", type=int, default=6, metavar="K", help="number of patches (default 6)")
+    parser.add_argument("--workers", type=int, default=0, metavar="N", help="worker processes here; 0 is serial (default)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="use the running dask scheduler at this address")
+    parser.add_argument("--scheduler-file", type=Path, metavar="FILE", help="use the dask scheduler this file describes")
+    parser.add_argument("--store", type=Path, metavar="DIR", help="directory for patch files that all workers can open")
+    parser.add_argument("--target", choices=TARGETS, default="free", help="where to map: free boundary in the plane")
+    parser.add_argument("--cuts", type=Path, metavar="FILE", help="cut along these edges: one pair of vertex ids a line")
+    parser.add_argument("--repair-cuts", action="store_true", help="mend parts that the cuts leave and that are no disks")
+    parser.add_argument("--flatten", choices=FLATTENERS, default="dncp", help="how patches are flattened (default dncp)")
+    parser.add_argument("--backend", default="auto", help="sparse factorization: auto, pardiso or superlu")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the partition (default 0)")
+    parser.add_argument("--factor-cache-mb", type=int, default=2048, metavar="MB", help="factors a worker may keep between passes")
+    parser.add_argument("--output-dir", type=Path, metavar="DIR", help="where results go (default <stem>_pgcp beside the mesh)")
+    parser.add_argument("--check-only", action="store_true", help="say what the mesh is and list its defects, then stop")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    parser.add_argument("--debug", action="store_true", help="show tracebacks")
+    parser.add_argument("--version", action="version", version=f"%(prog)s {_version()}")
+    return parser
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("pgcp")
+    except PackageNotFoundError:
+        return "(not installed)"
+
+
+class _Bars(AbstractContextManager["_Bars"]):
+    """A bar per stage, on a terminal; nothing elsewhere."""
+
+    def __init__(self, shown: bool) -> None:
+        self._bars: Any = None
+        self._tasks: dict[str, Any] = {}
+        if shown:
+            from rich.console import Console
+            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+            columns = (TextColumn("{task.description:<10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+            self._bars = Progress(*columns, console=Console(stderr=True))
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        if self._bars is None:
+            return
+        if stage not in self._tasks:
+            self._tasks[stage] = self._bars.add_task(stage, total=total)
+        self._bars.update(self._tasks[stage], completed=done)
+
+    def __enter__(self) -> _Bars:
+        if self._bars is not None:
+            self._bars.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bars is not None:
+            self._bars.stop()
+
+
+def _check_only(mesh: Mesh) -> int:
+    from pgcp.topology import examine
+
+    topology = examine(mesh.faces, len(mesh.vertices))
+    print(f"{mesh.name}: {topology.describe()}")
+    print(
+        f"  {topology.vertex_count} vertices, {topology.edge_count} edges, {topology.face_count} faces, "
+        f"{topology.component_count} component{'s' if topology.component_count != 1 else ''}, "
+        f"Euler characteristic {topology.euler_characteristic}, "
+        f"boundary loops {[len(loop) for loop in topology.loops] or 'none'}"
+    )
+    if topology.unreferenced_count:
+        print(f"  note: {topology.unreferenced_count} vertices are used by no face; they stay where they are in the order")
+    for defect in topology.defects:
+        print(f"  defect: {defect.message}")
+    return GOOD if topology.is_disk or topology.is_sphere else BAD_INPUT
+
+
+def _summary(result: Parameterization, seconds: float, directory: Path) -> str:
+    q = result.quality
+    stages = ", ".join(f"{s['name']} {s['seconds']:.2f}" for s in result.report["stages"])
+    return (
+        f"{result.mesh.name}: {len(result.mesh.vertices)} vertices, {len(result.report['patches'])} patches, "
+        f"{seconds:.1f} s ({stages})\n"
+        f"  |angle error| mean {q.angle_mean_deg:.4f}, sd {q.angle_sd_deg:.4f}, max {q.angle_max_deg:.2f} degrees; "
+        f"folds {q.folds}\n"
+        f"  results in {directory}"
+    )
+
+
+def _options(arguments: argparse.Namespace) -> Options:
+    return Options(
+        patches=arguments.patches,
+        workers=arguments.workers,
+        target=arguments.target,
+        scheduler=arguments.scheduler,
+        scheduler_file=arguments.scheduler_file,
+        cuts=arguments.cuts,
+        repair_cuts=arguments.repair_cuts,
+        flatten=arguments.flatten,
+        backend=arguments.backend,
+        seed=arguments.seed,
+        store=arguments.store,
+        factor_cache_bytes=arguments.factor_cache_mb * 1024**2,
+    )
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    options = _options(arguments)
+    for path, what in ((arguments.store, "store"), (arguments.scheduler_file, "scheduler file")):
+        if path is not None and not path.exists():
+            raise InputError(f"{path}: there is no such {what}")
+    from pgcp.demo import demo_mesh
+    from pgcp.io import read_mesh
+
+    started = time.perf_counter()
+    if arguments.check_only:
+        return _check_only(demo_mesh() if arguments.mesh is None else read_mesh(arguments.mesh))
+    from pgcp.io import write_outputs
+    from pgcp.pipeline import compute
+    from pgcp.report import draw
+
+    stem = "demo" if arguments.mesh is None else arguments.mesh.stem
+    beside = Path() if arguments.mesh is None else arguments.mesh.parent
+    directory: Path = arguments.output_dir or beside / f"{stem}_pgcp"
+    if directory.exists() and not directory.is_dir():
+        raise InputError(f"{directory}: there is a file of this name where the results should go")
+    with _Bars(sys.stderr.isatty() and not arguments.quiet) as bars:
+        result = compute(demo_mesh() if arguments.mesh is None else arguments.mesh, options, bars)
+    try:
+        write_outputs(directory, stem, result, draw(result))
+    except OSError as problem:
+        raise InputError(f"{directory}: cannot write the results: {problem}") from problem
+    if not arguments.quiet:
+        print(_summary(result, time.perf_counter() - started, directory))
+    if result.quality.folds:
+        faces = len(result.mesh.faces)
+        print(
+            f"pgcp-run: the map has {result.quality.folds} folded faces of {faces}: it is not injective. "
+            f"The results in {directory} are marked so (report.json: status folded)",
+            file=sys.stderr,
+        )
+        return NUMERICAL
+    return GOOD
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    arguments = build_parser().parse_args(argv)
+    try:
+        return _run(arguments)
+    except (InputError, NumericalError) as problem:
+        if arguments.debug:
+            raise
+        print(f"pgcp-run: {problem}", file=sys.stderr)
+        return BAD_INPUT if isinstance(problem, InputError) else NUMERICAL
+    except KeyboardInterrupt:
+        print("pgcp-run: interrupted; nothing was written", file=sys.stderr)
+        return _INTERRUPTED
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return GOOD
+    except Exception as problem:
+        if arguments.debug:
+            raise
+        print(f"pgcp-run: a bug: {type(problem).__name__}: {problem} (--debug shows where)", file=sys.stderr)
+        return BUG

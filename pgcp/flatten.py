@@ -1,0 +1,98 @@
+"""Flatten one patch freely: its boundary by DNCP or SCP on the Schur complement (PGCP section 4.2)."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve
+
+from pgcp.errors import InputError, SolveFailedError
+from pgcp.types import ComplexArray, FloatArray
+
+_POWER_STEPS = 60
+
+
+def conformal_energy_matrix(schur: FloatArray) -> ComplexArray:
+    """Hermitian H (n_B, n_B) with E_C(u) = 1/2 u^* H u: the Dirichlet energy less the area (PGCP eq. 4.5-4.9).
+
+    With the area 1/4i sum over boundary edges p -> q of (conj(u_p) u_q - u_p conj(u_q)), eq. 4.7.
+    """
+    n = len(schur)
+    h = schur.astype(np.complex128)
+    p = np.arange(n)
+    q = (p + 1) % n
+    np.add.at(h, (p, q), 0.5j)
+    np.add.at(h, (q, p), -0.5j)
+    return h
+
+
+def _pins(positions: FloatArray) -> tuple[int, int]:
+    """Two boundary vertices far apart: the one farthest from the centre, and the one farthest from it."""
+    first = int(np.argmax(np.linalg.norm(positions - positions.mean(axis=0), axis=1)))
+    second = int(np.argmax(np.linalg.norm(positions - positions[first], axis=1)))
+    return first, second
+
+
+def dncp_boundary(schur: FloatArray, positions: FloatArray) -> ComplexArray:
+    """Boundary of the discrete natural conformal map with two pinned boundary vertices (PGCP eq. 4.10).
+
+    schur (n_B, n_B), positions (n_B, 3) on the surface, counter-clockwise. Returns z (n_B,), the pins as far apart
+    as on the surface. Raises SolveFailedError where the system is singular.
+    """
+    h = conformal_energy_matrix(schur)
+    first, second = _pins(positions)
+    distance = float(np.linalg.norm(positions[second] - positions[first]))
+    z = np.zeros(len(h), np.complex128)
+    z[second] = distance
+    free = np.setdiff1d(np.arange(len(h)), [first, second])
+    right = -h[free, second] * distance
+    system = h[np.ix_(free, free)]
+    try:
+        z[free] = cho_solve(cho_factor(system, overwrite_a=False, check_finite=False), right, check_finite=False)
+    except LinAlgError:
+        try:
+            z[free] = solve(system, right, assume_a="her", check_finite=False)
+        except LinAlgError as problem:
+            raise SolveFailedError("the DNCP boundary system is singular") from problem
+    return _checked(z)
+
+
+def scp_boundary(schur: FloatArray, positions: FloatArray) -> ComplexArray:
+    """Boundary of the spectral conformal map: the smallest non-constant mode of H u = lambda B u.
+
+    B weighs boundary vertices by their share of the boundary's length. No vertex is pinned.
+    """
+    h = conformal_energy_matrix(schur)
+    step = np.linalg.norm(np.roll(positions, -1, axis=0) - positions, axis=1)
+    mass = 0.5 * (step + np.roll(step, 1))
+    mass = np.maximum(mass / mass.sum(), 1e-12)
+    shift = 1e-9 * float(np.abs(np.diag(h)).mean())
+    try:
+        factor = cho_factor(h + np.diag(shift * np.ones(len(h))), check_finite=False)
+    except LinAlgError as problem:
+        raise SolveFailedError("the SCP boundary system is not positive semi-definite") from problem
+    z = dncp_boundary(schur, positions)
+    for _ in range(_POWER_STEPS):
+        z = z - mass @ z
+        z /= np.sqrt(mass @ np.abs(z) ** 2)
+        before = z
+        z = cho_solve(factor, mass * z, check_finite=False)
+        z = z - mass @ z
+        overlap = abs((mass * before.conj()) @ z) / np.sqrt(mass @ np.abs(z) ** 2)
+        if 1.0 - overlap < 1e-14:
+            break
+    return _checked(z * (step.sum() / np.abs(np.roll(z, -1) - z).sum()))
+
+
+def flatten_boundary(schur: FloatArray, positions: FloatArray, method: str) -> ComplexArray:
+    """Boundary of a free-boundary conformal map by ``method`` dncp or scp."""
+    if method == "dncp":
+        return dncp_boundary(schur, positions)
+    if method == "scp":
+        return scp_boundary(schur, positions)
+    raise InputError(f"unknown flattening method {method!r}; choose dncp or scp")
+
+
+def _checked(z: ComplexArray) -> ComplexArray:
+    if not np.isfinite(z).all():
+        raise SolveFailedError("the boundary of a flattened patch is not finite")
+    return z

@@ -1,0 +1,100 @@
+"""Write meshes and maps. Every file is written under a temporary name and renamed when it is whole."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from pgcp.errors import BadFileError
+from pgcp.store import write_atomically
+from pgcp.types import FloatArray, IntArray, Mesh, Parameterization
+
+_CHUNK = 100_000
+
+
+@contextlib.contextmanager
+def _replacing(path: Path) -> Iterator[IO[bytes]]:
+    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            yield stream
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def _write_rows(stream: IO[bytes], form: str, rows: np.ndarray) -> None:
+    for start in range(0, len(rows), _CHUNK):
+        chunk = rows[start : start + _CHUNK]
+        stream.write(((form * len(chunk)) % tuple(chunk.reshape(-1).tolist())).encode())
+
+
+def _write_obj(path: Path, mesh: Mesh, uv: FloatArray | None) -> None:
+    with _replacing(path) as stream:
+        _write_rows(stream, "v %.9g %.9g %.9g\n", mesh.vertices)
+        numbers = mesh.faces.astype(np.int64) + 1
+        if uv is None:
+            _write_rows(stream, "f %d %d %d\n", numbers)
+        else:
+            _write_rows(stream, "vt %.9g %.9g\n", uv)
+            _write_rows(stream, "f %d/%d %d/%d %d/%d\n", np.repeat(numbers, 2, axis=1))
+
+
+def _write_ply(path: Path, mesh: Mesh, uv: FloatArray | None) -> None:
+    fields: list[tuple[str, str]] = [("x", "<f8"), ("y", "<f8"), ("z", "<f8")]
+    if uv is not None:
+        fields += [("s", "<f4"), ("t", "<f4")]
+    vertex = np.empty(len(mesh.vertices), fields)
+    for axis, name in enumerate("xyz"):
+        vertex[name] = mesh.vertices[:, axis]
+    if uv is not None:
+        vertex["s"], vertex["t"] = uv[:, 0], uv[:, 1]
+    face = np.empty(len(mesh.faces), [("n", "u1"), ("v", "<i4", (3,))])
+    face["n"], face["v"] = 3, mesh.faces
+    types = {"<f8": "double", "<f4": "float"}
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertex)}"]
+    header += [f"property {types[kind]} {name}" for name, kind in fields]
+    header += [f"element face {len(face)}", "property list uchar int vertex_indices", "end_header", ""]
+    with _replacing(path) as stream:
+        stream.write("\n".join(header).encode())
+        stream.write(vertex.tobytes())
+        stream.write(face.tobytes())
+
+
+def write_mesh(path: str | Path, mesh: Mesh, uv: FloatArray | None = None) -> None:
+    """Write a mesh as .obj or .ply, with texture coordinates uv (V, 2) if given, in the mesh's own order."""
+    path = Path(path)
+    writers = {".obj": _write_obj, ".ply": _write_ply}
+    if path.suffix.lower() not in writers:
+        raise BadFileError(f"{path}: cannot write {path.suffix}; known are {', '.join(writers)}")
+    writers[path.suffix.lower()](path, mesh, uv)
+
+
+def write_json(path: Path, data: dict[str, Any]) -> None:
+    """Write a report."""
+    with _replacing(path) as stream:
+        stream.write(json.dumps(data, indent=2, allow_nan=False).encode() + b"\n")
+
+
+def write_outputs(directory: Path, stem: str, result: Parameterization, picture: bytes) -> list[Path]:
+    """Write npz, obj, ply, png and report.json into a directory made as needed; returns the paths, the report last."""
+    directory.mkdir(parents=True, exist_ok=True)
+    paths = [directory / f"{stem}{suffix}" for suffix in (".npz", ".obj", ".ply", ".png")] + [directory / "report.json"]
+    faces: IntArray = result.mesh.faces
+    arrays = {"uv": result.coordinates, "faces": faces, "patch": result.patch, "mu": result.mu}
+    write_atomically(paths[0], arrays)
+    write_mesh(paths[1], result.mesh, result.coordinates)
+    write_mesh(paths[2], result.mesh, result.coordinates)
+    with _replacing(paths[3]) as stream:
+        stream.write(picture)
+    write_json(paths[4], result.report)
+    return paths

@@ -1,0 +1,158 @@
+"""The natural free boundary: the conformal change of a planar domain that gives its boundary the surface's lengths.
+
+A weld fixes its union only up to a conformal map (PGCP section 4.3), and the one it happens to give has corners and
+spirals where seams end. With s the scale |edge in the plane| / |edge on the surface| along the outer boundary, the
+analytic function Phi with Re Phi = -log s on the boundary gives the change g, g' = exp(Phi), after which the boundary
+has the lengths it has on the surface (the boundary condition u = 0 of boundary first flattening).
+
+Phi is a Cauchy integral with a real density mu, constant on panels of the boundary,
+
+    Phi(w) = 1/(2 pi i) sum_k mu_k log((s_{k+1} - w) / (s_k - w)),
+
+a second-kind system for mu whose matrix holds the angles under which the panels are seen.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from scipy.sparse import csc_array, csr_array
+from scipy.sparse.linalg import splu
+
+from pgcp.types import ComplexArray, FloatArray, IntArray
+
+_MAX_PANELS = 1200
+
+
+@numba.njit(cache=True, error_model="numpy", inline="always")
+def _panel(
+    px: float, py: float, x: FloatArray, y: FloatArray, first: int, last: int, reach: float, own: int
+) -> tuple[float, float]:
+    """Log ratio and angle of d(log(s - p)) along the boundary from node first to last; ``own`` is the edge p is on, or -1.
+
+    x and y hold the boundary's nodes, the first one again at the end.
+    """
+    ax, ay = x[first] - px, y[first] - py
+    bx, by = x[last] - px, y[last] - py
+    near = ax * ax + ay * ay
+    log_ratio = 0.5 * np.log((bx * bx + by * by) / near)
+    if near > reach * reach and (own < first or own >= last):
+        return log_ratio, np.arctan2(ax * by - ay * bx, ax * bx + ay * by)
+    angle = 0.0
+    for e in range(first, last):
+        bx, by = x[e + 1] - px, y[e + 1] - py
+        angle += np.pi if e == own else np.arctan2(ax * by - ay * bx, ax * bx + ay * by)
+        ax, ay = bx, by
+    return log_ratio, angle
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _angle_matrix(x: FloatArray, y: FloatArray, starts: IntArray, reach: FloatArray) -> FloatArray:
+    """Mean angle / 2 pi under which each panel (column) is seen from the edge midpoints of each panel (row)."""
+    count = starts.shape[0] - 1
+    out = np.zeros((count, count))
+    for row in range(count):
+        share = 1.0 / (2.0 * np.pi * (starts[row + 1] - starts[row]))
+        for e in range(starts[row], starts[row + 1]):
+            px, py = 0.5 * (x[e] + x[e + 1]), 0.5 * (y[e] + y[e + 1])
+            for column in range(count):
+                _, angle = _panel(px, py, x, y, starts[column], starts[column + 1], reach[column], e)
+                out[row, column] += share * angle
+    return out
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _cauchy(
+    points: ComplexArray,
+    own: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    starts: IntArray,
+    reach: FloatArray,
+    density: FloatArray,
+) -> ComplexArray:
+    """Phi at points inside the boundary or, where own >= 0, at the midpoint of that boundary edge."""
+    out = np.empty(points.shape[0], np.complex128)
+    for i in range(points.shape[0]):
+        px, py = points[i].real, points[i].imag
+        re, im = 0.0, 0.0
+        for k in range(density.shape[0]):
+            log_ratio, angle = _panel(px, py, x, y, starts[k], starts[k + 1], reach[k], own[i])
+            re += density[k] * angle
+            im -= density[k] * log_ratio
+        out[i] = complex(re, im) / (2.0 * np.pi)
+    return out
+
+
+@numba.njit(cache=True)
+def crosses_itself(s: ComplexArray) -> bool:
+    """Whether the closed polygon s (n,) has two edges that cross properly."""
+    n = s.shape[0]
+    for i in range(n):
+        a, b = s[i], s[(i + 1) % n]
+        low_x, high_x = min(a.real, b.real), max(a.real, b.real)
+        low_y, high_y = min(a.imag, b.imag), max(a.imag, b.imag)
+        for j in range(i + 2, n):
+            if i == 0 and j == n - 1:
+                continue
+            c, d = s[j], s[(j + 1) % n]
+            if max(c.real, d.real) < low_x or min(c.real, d.real) > high_x:
+                continue
+            if max(c.imag, d.imag) < low_y or min(c.imag, d.imag) > high_y:
+                continue
+            ab, cd = b - a, d - c
+            one = (np.conj(ab) * (c - a)).imag
+            two = (np.conj(ab) * (d - a)).imag
+            three = (np.conj(cd) * (a - c)).imag
+            four = (np.conj(cd) * (b - c)).imag
+            if one * two < 0.0 and three * four < 0.0:
+                return True
+    return False
+
+
+def _integrate(node_count: int, edges: IntArray, steps: ComplexArray) -> ComplexArray:
+    """Positions whose differences along edges (M, 2) are the steps (M,), in the least squares sense relative to |step|.
+
+    Position 0 is held at 0.
+    """
+    weights = 1.0 / np.abs(steps)
+    rows = np.arange(len(edges))
+    data = np.concatenate([weights, -weights])
+    columns = np.concatenate([edges[:, 1], edges[:, 0]])
+    gradient = csr_array((data, (np.concatenate([rows, rows]), columns)), shape=(len(edges), node_count))[:, 1:]
+    right = gradient.T @ (weights * steps)
+    factor = splu(csc_array(gradient.T @ gradient), "MMD_AT_PLUS_A", 0.0, options={"SymmetricMode": True})
+    out = np.zeros(node_count, np.complex128)
+    out[1:] = factor.solve(right.real) + 1j * factor.solve(right.imag)
+    return out
+
+
+def natural_boundary(
+    z: ComplexArray, edges: IntArray, lengths: FloatArray, loop: IntArray, corners: IntArray, strength: float = 1.0
+) -> ComplexArray:
+    """Move all points by the conformal map that gives the outer boundary the surface's lengths, up to one scale.
+
+    z (N,) positions; edges (M, 2) with lengths (M,) on the surface join them all; loop (B,) the outer boundary,
+    counter-clockwise and simple; corners: increasing positions in loop at which panels may end, from 0. ``strength`` below 1 goes part
+    of the way: every value gives a conformal map.
+    """
+    s = z[loop]
+    after = np.roll(loop, -1)
+    n = len(z)
+    keys = edges.min(axis=1) * n + edges.max(axis=1)
+    order = np.argsort(keys)
+    loop_edges = order[np.searchsorted(keys[order], np.minimum(loop, after) * n + np.maximum(loop, after))]
+    log_scale = np.log(np.abs(z[after] - s) / lengths[loop_edges])
+    log_scale -= np.average(log_scale, weights=lengths[loop_edges])
+    group = -(-len(corners) // _MAX_PANELS)
+    starts = np.append(corners[::group], len(loop))
+    steps = np.abs(np.roll(s, -1) - s)
+    reach = 1.5 * np.add.reduceat(steps, starts[:-1])
+    data = np.add.reduceat(log_scale, starts[:-1]) / np.diff(starts)
+    x, y = np.append(s.real, s.real[0]), np.append(s.imag, s.imag[0])
+    density = np.linalg.solve(_angle_matrix(x, y, starts, reach), -strength * data)
+    own = np.full(len(edges), -1, np.int64)
+    own[loop_edges] = np.arange(len(loop))
+    middle = 0.5 * (z[edges[:, 0]] + z[edges[:, 1]])
+    phi = _cauchy(middle, own, x, y, starts, reach, density)
+    return _integrate(n, edges, (z[edges[:, 1]] - z[edges[:, 0]]) * np.exp(phi))

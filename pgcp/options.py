@@ -1,0 +1,51 @@
+"""What a run can be told, checked once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pgcp.errors import InputError
+
+TARGETS = ("free",)
+FLATTENERS = ("dncp", "scp")
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """Options of a run.
+
+    patches: how many; workers: 0 for serial, else processes on this machine; scheduler or scheduler_file: a running
+    dask cluster; cuts: a file of cut edges; repair_cuts: mend parts that are no disks; flatten: dncp or scp;
+    backend: auto, pardiso or superlu; seed: of the partition; store: directory shared with the workers;
+    factor_cache_bytes: what factors one process may keep between the passes.
+    """
+
+    patches: int = 6
+    workers: int = 0
+    target: str = "free"
+    scheduler: str | None = None
+    scheduler_file: Path | None = None
+    cuts: Path | None = None
+    repair_cuts: bool = False
+    flatten: str = "dncp"
+    backend: str = "auto"
+    seed: int = 0
+    store: Path | None = None
+    factor_cache_bytes: int = 2 * 1024**3
+
+    def __post_init__(self) -> None:
+        if self.patches < 1:
+            raise InputError(f"patches is {self.patches}, it must be at least 1")
+        if self.workers < 0:
+            raise InputError(f"workers is {self.workers}, it must be 0 (serial) or more")
+        if self.seed < 0:
+            raise InputError(f"seed is {self.seed}, it must be 0 or more")
+        if self.target not in TARGETS:
+            raise InputError(f"unknown target {self.target!r}; choose from {', '.join(TARGETS)}")
+        if self.flatten not in FLATTENERS:
+            raise InputError(f"unknown flattening {self.flatten!r}; choose from {', '.join(FLATTENERS)}")
+        if self.scheduler is not None and self.scheduler_file is not None:
+            raise InputError("give a scheduler address or a scheduler file, not both")
+        if self.factor_cache_bytes < 0:
+            raise InputError(f"factor_cache_bytes is {self.factor_cache_bytes}, it must be 0 or more")

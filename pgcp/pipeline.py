@@ -1,0 +1,229 @@
+"""The whole of it, reading like PGCP Algorithm 3: split, flatten, weld, solve, assemble, measure."""
+
+from __future__ import annotations
+
+import platform
+import tempfile
+import time
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, fields
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pgcp.assemble import collect, place
+from pgcp.dirichlet import choose_backend
+from pgcp.errors import DegenerateError, FoldError, InputError, NotManifoldError, NotSimplyConnectedError
+from pgcp.executors import DaskExecutor, Executor, Progress, SerialExecutor, silent
+from pgcp.io import read_cuts, read_mesh
+from pgcp.operators import face_areas
+from pgcp.options import Options
+from pgcp.quality import measure_quality
+from pgcp.split import Split, cut_patch, split_mesh
+from pgcp.store import PatchStore
+from pgcp.tasks import Job, SolveReport, flatten_task, solve_task, weld_task
+from pgcp.topology import Topology, examine
+from pgcp.types import BoundaryCurve, ComplexArray, Mesh, Parameterization, PatchMap
+from pgcp.weld import Component, start_component
+
+_BOUNDARY_POINTS = 8000
+_MOST_REFINEMENT = 8
+_PACKAGES = ("pgcp", "numpy", "scipy", "numba", "networkx", "dask", "distributed", "pymetis", "mkl")
+
+
+class _Clock:
+    """Seconds and peak memory of the stages run so far."""
+
+    def __init__(self) -> None:
+        self.stages: list[dict[str, Any]] = []
+        self.executor: Executor = SerialExecutor()
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        seconds = time.perf_counter() - start
+        self.stages.append({"name": name, "seconds": round(seconds, 4), "peak_bytes": self.executor.peak_bytes()})
+
+
+def as_mesh(source: Any) -> Mesh:
+    """Mesh from a Mesh, a path, or an object with ``vertices`` and ``faces`` (a trimesh.Trimesh)."""
+    if isinstance(source, Mesh):
+        return source
+    if isinstance(source, (str, Path)):
+        return read_mesh(source)
+    if hasattr(source, "vertices") and hasattr(source, "faces"):
+        return Mesh(np.asarray(source.vertices, np.float64), np.asarray(source.faces, np.int64))
+    raise InputError(f"expected a mesh, a path or a trimesh, not {type(source).__name__}")
+
+
+def check_mesh(mesh: Mesh) -> Topology:
+    """Examine a mesh and refuse one that is not an open disk.
+
+    Raises NotManifoldError, NotSimplyConnectedError or DegenerateError, saying what the mesh is and where it is wrong.
+    """
+    topology = examine(mesh.faces, len(mesh.vertices))
+    if topology.defects:
+        raise NotManifoldError(f"{mesh.name}: {topology.defects[0].message}")
+    if not topology.is_disk:
+        raise NotSimplyConnectedError(
+            f"{mesh.name} is {topology.describe()}; the free-boundary map needs one open disk with one boundary loop"
+        )
+    areas = face_areas(mesh.vertices, mesh.faces)
+    if not areas.sum() > 0:
+        raise DegenerateError(f"{mesh.name}: all faces have zero area")
+    return topology
+
+
+def _refuse_flat_faces(mesh: Mesh) -> None:
+    from pgcp.operators import cotangents
+
+    bad = np.flatnonzero(~np.isfinite(cotangents(mesh.vertices, mesh.faces)).all(axis=1))
+    if len(bad):
+        shown = ", ".join(str(f) for f in bad[:5].tolist())
+        raise DegenerateError(f"{mesh.name}: {len(bad)} faces have zero area: faces {shown}{', ...' if len(bad) > 5 else ''}")
+
+
+def _executor(options: Options, run: str, progress: Progress) -> SerialExecutor | DaskExecutor:
+    if options.workers == 0 and options.scheduler is None and options.scheduler_file is None:
+        return SerialExecutor(progress)
+    return DaskExecutor(run, options.workers, options.scheduler, options.scheduler_file, progress)
+
+
+def _weld_all(
+    executor: Executor, mesh: Mesh, split: Split, curves: list[BoundaryCurve]
+) -> tuple[Component, list[dict[str, int]]]:
+    components = {c.patch: start_component(c, mesh.vertices, split.edge_keys) for c in curves}
+    notes = []
+    for number, level in enumerate(split.plan.levels, 1):
+        pairs = [(components.pop(step.left), components.pop(step.right)) for step in level]
+        for step, union in zip(level, executor.map(f"weld {number}", weld_task, pairs), strict=True):
+            components[step.result] = union
+            notes.append({"left": step.left, "right": step.right, "level": step.level, "seam_edges": step.seam_edge_count})
+    (union,) = components.values()
+    return union, notes
+
+
+def _positions(mesh: Mesh, split: Split, executor: Executor, curves: list[BoundaryCurve]) -> tuple[ComplexArray, Any]:
+    """Positions (V,) of all seam and boundary vertices."""
+    z = np.zeros(len(mesh.vertices), np.complex128)
+    if split.patch_count == 1:
+        z[curves[0].vertex_ids] = curves[0].z
+        return z, []
+    union, notes = _weld_all(executor, mesh, split, curves)
+    on_mesh = union.nodes < len(z)
+    z[union.nodes[on_mesh]] = union.z[on_mesh]
+    return z, notes
+
+
+def _versions() -> dict[str, str]:
+    out = {"python": platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            out[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return out
+
+
+def _plain(options: Options) -> dict[str, Any]:
+    return {f.name: str(v) if isinstance(v := getattr(options, f.name), Path) else v for f in fields(Options)}
+
+
+def parameterize(source: Any, *, progress: Progress = silent, **options: Any) -> Parameterization:
+    """Map an open simply connected surface conformally to the plane, boundary free, patch by patch (PGCP Algorithm 3).
+
+    source: a Mesh, a path, or a trimesh.Trimesh. options: those of ``Options`` (patches=6, workers=0, target="free",
+    flatten="dncp", ...). progress(stage, done, total) is called as tasks finish.
+
+    Raises InputError (and its kinds) for input that cannot be mapped, NumericalError where a step fails; FoldError,
+    whose ``result`` holds the map, where the finished map has folded faces.
+    """
+    result = compute(source, Options(**options), progress)
+    if result.quality.folds:
+        raise FoldError(f"the map has {result.quality.folds} folded faces of {len(result.mesh.faces)}", result)
+    return result
+
+
+def compute(source: Any, options: Options, progress: Progress = silent) -> Parameterization:
+    """As ``parameterize``, but a map with folds is returned like any other: its quality says so."""
+    clock = _Clock()
+    run = uuid.uuid4().hex[:12]
+    backend = choose_backend(options.backend)
+    with clock.stage("read"):
+        mesh = as_mesh(source)
+        cuts = read_cuts(options.cuts) if options.cuts is not None else None
+    with clock.stage("check"):
+        topology = check_mesh(mesh)
+        _refuse_flat_faces(mesh)
+    with clock.stage("split"):
+        split = split_mesh(mesh, topology, options.patches, options.seed, cuts, options.repair_cuts)
+    with (
+        tempfile.TemporaryDirectory(prefix="pgcp-", dir=options.store) as directory,
+        _executor(options, run, progress) as executor,
+    ):
+        clock.executor = executor
+        store = PatchStore(Path(directory))
+        job = Job(
+            run=run,
+            directory=store.directory,
+            method=options.flatten,
+            backend=backend,
+            refinement=max(1, min(_MOST_REFINEMENT, _BOUNDARY_POINTS // len(split.edge_keys))),
+            patch_count=split.patch_count,
+            factor_cache_bytes=options.factor_cache_bytes,
+        )
+        patches = []
+        with clock.stage("store"):
+            for index in range(split.patch_count):
+                patch = cut_patch(mesh, split, index)
+                store.write_patch(patch)
+                patches.append(patch)
+        with clock.stage("flatten"):
+            curves = executor.map("flatten", partial(flatten_task, job), range(split.patch_count))
+        with clock.stage("weld"):
+            positions, welds = _positions(mesh, split, executor, curves)
+        with clock.stage("solve"):
+            items = [(p.index, positions[p.vertex_ids[p.boundary]]) for p in patches]
+            solved: list[SolveReport] = executor.map("solve", partial(solve_task, job), items)
+        with clock.stage("assemble"):
+            maps = (PatchMap(s.patch, *store.read_map(s.patch), s.fold_count, s.mu_max) for s in solved)
+            z, mu = collect(mesh, zip(patches, maps, strict=True))
+            coordinates = place(mesh, z, topology.loops[0])
+        description = executor.describe()
+    clock.executor = SerialExecutor()
+    with clock.stage("measure"):
+        quality = measure_quality(mesh, coordinates, mu)
+    report = {
+        "mesh": {"name": mesh.name, "vertices": len(mesh.vertices), "faces": len(mesh.faces)},
+        "versions": _versions(),
+        "options": _plain(options),
+        "seed": options.seed,
+        "backend": backend,
+        "threads": description["threads_per_worker"],
+        "executor": description,
+        "stages": clock.stages,
+        "patches": [
+            {
+                "index": p.index,
+                "vertices": len(p.vertex_ids),
+                "faces": len(p.face_ids),
+                "boundary": len(p.boundary),
+                "pieces": c.pieces,
+                "folds": s.fold_count,
+                "mu_max": s.mu_max,
+                "reused_factor": s.reused_factor,
+            }
+            for p, c, s in zip(patches, curves, solved, strict=True)
+        ],
+        "welds": welds,
+        "refinement": job.refinement,
+        "quality": asdict(quality),
+        "status": "good" if quality.folds == 0 else "folded",
+    }
+    return Parameterization(mesh, coordinates, split.labels, mu, quality, report)

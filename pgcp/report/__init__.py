@@ -1,0 +1,7 @@
+"""The picture of a finished map."""
+
+from __future__ import annotations
+
+from pgcp.report.picture import draw
+
+__all__ = ["draw"]

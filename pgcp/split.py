@@ -1,0 +1,137 @@
+"""Split a mesh into patches and plan how they are welded back (PGCP section 4.1). The only import of ``partition``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import networkx as nx
+import numba
+import numpy as np
+from partition import (
+    PartitionError,
+    SeamTable,
+    check_partition,
+    cut_labels,
+    make_disks,
+    partition_faces,
+    seam_table,
+)
+
+from pgcp.errors import PartitionInputError
+from pgcp.topology import Topology, boundary_loops, pair_half_edges
+from pgcp.types import IntArray, Mesh, Patch, WeldPlan, WeldStep
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Split:
+    """A valid partition: labels (F,), the number of patches, sorted keys (low * V + high) of seam and
+    boundary edges, and the plan."""
+
+    labels: IntArray
+    patch_count: int
+    edge_keys: IntArray
+    plan: WeldPlan
+
+
+def _edge_keys(mesh: Mesh, twins: IntArray, labels: IntArray) -> IntArray:
+    half = np.arange(len(twins))
+    inner = twins >= 0
+    apart = inner & (labels[half // 3] != labels[np.where(inner, twins, 0) // 3])
+    kept = half[(apart & (twins > half)) | ~inner]
+    flat = mesh.faces.reshape(-1).astype(np.int64)
+    tail, head = flat[kept], flat[kept - kept % 3 + (kept % 3 + 1) % 3]
+    return np.sort(np.minimum(tail, head) * len(mesh.vertices) + np.maximum(tail, head))
+
+
+def plan_welds(table: SeamTable, patch_count: int) -> WeldPlan:
+    """Plan all welds before any is run: a binary tree over the patch graph.
+
+    A pair can be welded where its intersection is one arc. In a disk made of disks such a pair always exists, and the
+    union is a disk again, so choosing greedily never runs into a dead end. Chosen is the pair with the longest common
+    arc relative to the shorter perimeter, so unions stay round. Raises PartitionInputError where no pair is left.
+    """
+    graph: nx.Graph = nx.Graph()
+    graph.add_nodes_from(range(patch_count), level=0)
+    relabel = np.arange(patch_count)
+    name = list(range(patch_count))  # representative label -> component id
+    level = [0] * patch_count
+    steps: list[WeldStep] = []
+    for step in range(patch_count - 1):
+        contacts = table.contacts(relabel)
+        seam_length = np.bincount(contacts.pairs.reshape(-1), np.repeat(contacts.length, 2), minlength=patch_count)
+        usable = np.flatnonzero(contacts.is_arc)
+        if len(usable) == 0:
+            left = sorted({name[label] for label in np.unique(relabel).tolist()})
+            raise PartitionInputError(f"no two of the remaining components {left} share exactly one arc")
+        pairs = contacts.pairs[usable]
+        ratio = contacts.length[usable] / seam_length[pairs].min(axis=1)
+        best = int(np.lexsort((pairs[:, 1], pairs[:, 0], -ratio))[0])
+        p, q = (int(v) for v in pairs[best])
+        result = patch_count + step
+        new_level = 1 + max(level[p], level[q])
+        steps.append(WeldStep(name[p], name[q], result, new_level, int(contacts.edge_count[usable[best]])))
+        graph.add_edge(name[p], result)
+        graph.add_edge(name[q], result)
+        relabel[relabel == q] = p
+        name[p], level[p] = result, new_level
+    if not nx.is_tree(graph):
+        raise PartitionInputError("the weld plan is not a tree")
+    return WeldPlan(patch_count, tuple(sorted(steps, key=lambda s: (s.level, s.result))))
+
+
+def split_mesh(
+    mesh: Mesh, topology: Topology, patch_count: int, seed: int = 0, cut_edges: IntArray | None = None, repair: bool = False
+) -> Split:
+    """Split a mesh into disks, by graph partition or along the user's cut edges (N, 2).
+
+    Raises PartitionInputError where the mesh cannot carry that many patches, or where cut edges leave parts that are not
+    disks and ``repair`` is not set.
+    """
+    try:
+        if cut_edges is not None:
+            labels = cut_labels(mesh.faces, topology.twins, cut_edges)
+            patch_count = int(labels.max()) + 1
+            problems = check_partition(mesh.faces, topology.twins, labels, patch_count).problems()
+            if problems and not repair:
+                more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+                raise PartitionInputError(
+                    f"the cut edges leave {patch_count} parts, and {problems[0]}{more}; --repair-cuts would mend this"
+                )
+            if problems:
+                labels = make_disks(mesh.vertices, mesh.faces, topology.twins, labels, patch_count)
+        else:
+            labels = partition_faces(mesh.vertices, mesh.faces, topology.twins, patch_count, seed)
+            problems = check_partition(mesh.faces, topology.twins, labels, patch_count).problems()
+            if problems:
+                raise PartitionInputError(f"the partition is not valid: {problems[0]}")
+        table = seam_table(mesh.vertices, mesh.faces, topology.twins, labels)
+    except PartitionError as problem:
+        raise PartitionInputError(str(problem)) from problem
+    plan = plan_welds(table, patch_count)
+    return Split(labels, patch_count, _edge_keys(mesh, topology.twins, labels), plan)
+
+
+@numba.njit(cache=True)
+def _localise(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray]:
+    """Local face indices and the sorted global ids of the vertices used."""
+    mark = np.zeros(vertex_count, np.bool_)
+    for f in range(faces.shape[0]):
+        for i in range(3):
+            mark[faces[f, i]] = True
+    ids = np.flatnonzero(mark)
+    local = np.empty(vertex_count, np.int64)
+    for i in range(ids.shape[0]):
+        local[ids[i]] = i
+    out = np.empty((faces.shape[0], 3), np.int64)
+    for f in range(faces.shape[0]):
+        for i in range(3):
+            out[f, i] = local[faces[f, i]]
+    return out, ids
+
+
+def cut_patch(mesh: Mesh, split: Split, index: int) -> Patch:
+    """Cut one patch out of the mesh."""
+    face_ids = np.flatnonzero(split.labels == index)
+    faces, vertex_ids = _localise(mesh.faces[face_ids].astype(np.int64), len(mesh.vertices))
+    loops = boundary_loops(faces, pair_half_edges(faces, len(vertex_ids)), len(vertex_ids))
+    return Patch(index, mesh.vertices[vertex_ids], faces, vertex_ids, face_ids, loops[0])

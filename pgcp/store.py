@@ -1,0 +1,54 @@
+"""A directory of patch files that workers open by path: nothing the size of a patch goes through the scheduler."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from pgcp.types import Patch, PatchMap
+
+
+def write_atomically(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    """Write an uncompressed npz under a temporary name, then rename it."""
+    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            np.savez(stream, **arrays)  # type: ignore[arg-type]
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+@dataclass(frozen=True, slots=True)
+class PatchStore:
+    """Patches and their solved maps in one directory."""
+
+    directory: Path
+
+    def _path(self, kind: str, index: int) -> Path:
+        return self.directory / f"{kind}-{index:05d}.npz"
+
+    def write_patch(self, patch: Patch) -> None:
+        """Store a patch."""
+        arrays = {f.name: np.asarray(getattr(patch, f.name)) for f in fields(Patch)}
+        write_atomically(self._path("patch", patch.index), arrays)
+
+    def read_patch(self, index: int) -> Patch:
+        """Load a patch."""
+        with np.load(self._path("patch", index)) as data:
+            arrays = {f.name: data[f.name] for f in fields(Patch) if f.name != "index"}
+        return Patch(index=index, **arrays)
+
+    def write_map(self, solved: PatchMap) -> None:
+        """Store a solved map's arrays."""
+        write_atomically(self._path("map", solved.patch), {"z": solved.z, "mu": solved.mu})
+
+    def read_map(self, index: int) -> tuple[np.ndarray, np.ndarray]:
+        """Load z and mu of a solved map."""
+        with np.load(self._path("map", index)) as data:
+            return data["z"], data["mu"]

@@ -1,0 +1,145 @@
+"""What runs for one patch, on whatever worker: the stages composed; paths and boundary curves in and out."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Hashable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pgcp.dirichlet import DirichletFactor, eliminate_interior
+from pgcp.errors import WeldFailedError
+from pgcp.flatten import flatten_boundary
+from pgcp.natural import crosses_itself
+from pgcp.operators import cotangent_laplacian
+from pgcp.solve import solve_patch
+from pgcp.split import cut_patch, split_mesh
+from pgcp.store import PatchStore
+from pgcp.topology import examine
+from pgcp.types import BoundaryCurve, ComplexArray, Mesh, Patch
+from pgcp.weld import Component, run_welds, start_component, subdivide, weld_pair
+
+
+class FactorCache:
+    """Factors kept between the passes, least recently used dropped first, bounded in bytes. One per process."""
+
+    def __init__(self) -> None:
+        self._held: OrderedDict[Hashable, DirichletFactor] = OrderedDict()
+        self._lock = threading.Lock()
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes held."""
+        return sum(factor.nbytes for factor in self._held.values())
+
+    def put(self, key: Hashable, factor: DirichletFactor, limit_bytes: int) -> None:
+        """Keep a factor, dropping older ones as needed; one larger than the limit is not kept."""
+        with self._lock:
+            if factor.nbytes > limit_bytes:
+                factor.release()
+                return
+            self._held[key] = factor
+            while self.nbytes > limit_bytes:
+                _, oldest = self._held.popitem(last=False)
+                oldest.release()
+
+    def take(self, key: Hashable) -> DirichletFactor | None:
+        """Remove and return a factor, or None where it is not held."""
+        with self._lock:
+            return self._held.pop(key, None)
+
+
+_FACTORS = FactorCache()
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What every task of a run needs: the store, a run id, and how to flatten."""
+
+    run: str
+    directory: Path
+    method: str
+    backend: str
+    refinement: int
+    patch_count: int
+    factor_cache_bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class SolveReport:
+    """What the second pass says of a patch; its arrays are in the store."""
+
+    patch: int
+    fold_count: int
+    mu_max: float
+    reused_factor: bool
+
+
+def factor_patch(patch: Patch, backend: str) -> DirichletFactor:
+    """Eliminate a patch's interior."""
+    return eliminate_interior(cotangent_laplacian(patch.vertices, patch.faces), patch.boundary, backend)
+
+
+def flatten_simply(
+    patch: Patch, factor: DirichletFactor, method: str, backend: str, refinement: int
+) -> BoundaryCurve:
+    """Flatten one patch to a boundary curve that does not cross itself, subdivided.
+
+    Where the free boundary overlaps itself, two halves of the patch are flattened and welded: the weld of two simple
+    curves is simple. A half that crosses itself is halved again.
+    """
+    z = flatten_boundary(factor.schur, patch.vertices[patch.boundary], method)
+    ids = patch.vertex_ids[patch.boundary]
+    if not crosses_itself(z):
+        return BoundaryCurve(patch.index, ids, subdivide(z, refinement))
+    if len(patch.faces) < 2:
+        raise WeldFailedError(f"the free boundary of patch {patch.index} crosses itself in a single face")
+    mesh = Mesh(patch.vertices, patch.faces, f"patch {patch.index}")
+    split = split_mesh(mesh, examine(mesh.faces, len(mesh.vertices)), 2)
+    halves, pieces = {}, 0
+    for index in range(2):
+        half = cut_patch(mesh, split, index)
+        half_factor = factor_patch(half, backend)
+        curve = flatten_simply(half, half_factor, method, backend, refinement)
+        half_factor.release()
+        halves[index] = start_component(curve, mesh.vertices, split.edge_keys)
+        pieces += curve.pieces
+    union = run_welds(halves, split.plan.steps)
+    start = int(np.flatnonzero(union.nodes[union.loop] == patch.boundary[0])[0])
+    return BoundaryCurve(patch.index, ids, union.z[np.roll(union.loop, -start)], pieces)
+
+
+def flatten_task(job: Job, index: int) -> BoundaryCurve:
+    """First pass: flatten a stored patch, keep its factor here, send its boundary curve."""
+    patch = PatchStore(job.directory).read_patch(index)
+    factor = factor_patch(patch, job.backend)
+    if job.patch_count == 1:
+        z = flatten_boundary(factor.schur, patch.vertices[patch.boundary], job.method)
+        curve = BoundaryCurve(index, patch.vertex_ids[patch.boundary], z)
+    else:
+        curve = flatten_simply(patch, factor, job.method, job.backend, job.refinement)
+    _FACTORS.put((job.run, index), factor, job.factor_cache_bytes)
+    return curve
+
+
+def weld_task(pair: tuple[Component, Component]) -> Component:
+    """Weld two components."""
+    return weld_pair(*pair)
+
+
+def solve_task(job: Job, item: tuple[int, ComplexArray]) -> SolveReport:
+    """Second pass: solve a stored patch with its welded boundary, from the factor kept here or made anew."""
+    index, boundary_z = item
+    store = PatchStore(job.directory)
+    patch = store.read_patch(index)
+    factor = _FACTORS.take((job.run, index))
+    reused = factor is not None
+    if factor is None:
+        factor = factor_patch(patch, job.backend)
+    solved = solve_patch(patch, boundary_z, factor)
+    factor.release()
+    store.write_map(solved)
+    return SolveReport(index, solved.fold_count, solved.mu_max, reused)

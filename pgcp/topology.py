@@ -1,0 +1,279 @@
+"""Topology of a triangle mesh: half-edge pairing, defects, Euler characteristic, boundary loops.
+
+A half-edge ``h = 3 f + i`` runs from ``faces[f, i]`` to ``faces[f, (i + 1) % 3]``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numba
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from pgcp.types import IntArray
+
+BOUNDARY = -1
+NON_MANIFOLD = -2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Defect:
+    """One kind of defect: what it is, how often it occurs, and the first few offenders."""
+
+    kind: str
+    count: int
+    first: tuple[tuple[int, ...], ...]
+    message: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Topology:
+    """What a mesh is: counts, loops and defects. ``twins`` is (3F,) (-1 boundary, -2 non-manifold)."""
+
+    vertex_count: int
+    face_count: int
+    edge_count: int
+    component_count: int
+    euler_characteristic: int
+    loops: tuple[IntArray, ...]
+    unreferenced_count: int
+    defects: tuple[Defect, ...]
+    twins: IntArray = field(repr=False)
+
+    @property
+    def is_disk(self) -> bool:
+        """Whether the mesh is one disk: no defect, one component, chi = 1, one boundary loop."""
+        return self._clean() and self.euler_characteristic == 1 and len(self.loops) == 1
+
+    @property
+    def is_sphere(self) -> bool:
+        """Whether the mesh is one closed surface of genus 0."""
+        return self._clean() and self.euler_characteristic == 2 and not self.loops
+
+    @property
+    def genus(self) -> int | None:
+        """Genus of the one oriented component, or None where it is not defined."""
+        if not self._clean():
+            return None
+        return (2 - self.euler_characteristic - len(self.loops)) // 2
+
+    def _clean(self) -> bool:
+        return not self.defects and self.component_count == 1
+
+    def describe(self) -> str:
+        """One line that says what the mesh is."""
+        loops = len(self.loops)
+        if self.is_disk:
+            kind = f"an open surface (a disk) with one boundary loop of {len(self.loops[0])} edges"
+        elif self.is_sphere:
+            kind = "a closed surface of genus 0 (a sphere)"
+        elif self.defects:
+            kind = "not a clean surface"
+        elif self.component_count != 1:
+            kind = f"{self.component_count} separate components"
+        else:
+            ends = "closed" if loops == 0 else f"{loops} boundary loop{'s' if loops > 1 else ''}"
+            kind = f"a surface of genus {self.genus}, {ends}"
+        return kind
+
+
+@numba.njit(cache=True)
+def _counting_order(keys: IntArray, previous: IntArray, size: int) -> IntArray:
+    """Stable counting sort of ``previous`` (a permutation) by ``keys[previous]``."""
+    starts = np.zeros(size + 1, np.int64)
+    for h in range(keys.shape[0]):
+        starts[keys[h] + 1] += 1
+    for v in range(size):
+        starts[v + 1] += starts[v]
+    order = np.empty(previous.shape[0], np.int64)
+    for r in range(previous.shape[0]):
+        h = previous[r]
+        order[starts[keys[h]]] = h
+        starts[keys[h]] += 1
+    return order
+
+
+@numba.njit(cache=True)
+def _pair(faces: IntArray, vertex_count: int) -> tuple[IntArray, int, IntArray, IntArray]:
+    half_edge_count = 3 * faces.shape[0]
+    low = np.empty(half_edge_count, np.int64)
+    high = np.empty(half_edge_count, np.int64)
+    for f in range(faces.shape[0]):
+        for i in range(3):
+            a, b = faces[f, i], faces[f, (i + 1) % 3]
+            low[3 * f + i] = min(a, b)
+            high[3 * f + i] = max(a, b)
+    order = _counting_order(high, np.arange(half_edge_count), vertex_count)
+    order = _counting_order(low, order, vertex_count)
+    twins = np.full(half_edge_count, BOUNDARY, np.int64)
+    crowded = np.zeros(half_edge_count, np.bool_)
+    turned = np.zeros(half_edge_count, np.bool_)
+    edge_count = 0
+    start = 0
+    while start < half_edge_count:
+        stop = start + 1
+        first = order[start]
+        while stop < half_edge_count and low[order[stop]] == low[first] and high[order[stop]] == high[first]:
+            stop += 1
+        edge_count += 1
+        if stop - start == 2:
+            second = order[start + 1]
+            twins[first], twins[second] = second, first
+            if faces[first // 3, first % 3] == faces[second // 3, second % 3]:
+                turned[first] = True
+        elif stop - start > 2:
+            crowded[first] = True
+            for r in range(start, stop):
+                twins[order[r]] = NON_MANIFOLD
+        start = stop
+    return twins, edge_count, np.flatnonzero(crowded), np.flatnonzero(turned)
+
+
+def pair_half_edges(faces: IntArray, vertex_count: int) -> IntArray:
+    """Twin half-edge of every half-edge (3F,): -1 on the boundary, -2 where three or more faces meet."""
+    twins: IntArray = _pair(np.ascontiguousarray(faces, np.int64), vertex_count)[0]
+    return twins
+
+
+@numba.njit(cache=True)
+def _vertex_fans(faces: IntArray, twins: IntArray, vertex_count: int) -> IntArray:
+    """Vertices whose faces form more than one fan."""
+    corner_count = np.zeros(vertex_count, np.int64)
+    start = np.full(vertex_count, -1, np.int64)
+    for h in range(twins.shape[0]):
+        v = faces[h // 3, h % 3]
+        corner_count[v] += 1
+        if start[v] < 0 or twins[h] < 0:
+            start[v] = h
+    bad = np.zeros(vertex_count, np.bool_)
+    for v in range(vertex_count):
+        if start[v] < 0:
+            continue
+        h, seen = start[v], 0
+        while True:
+            seen += 1
+            before = h - 1 if h % 3 else h + 2
+            h = twins[before]
+            if h < 0 or h == start[v] or seen > corner_count[v]:
+                break
+        bad[v] = seen != corner_count[v]
+    return np.flatnonzero(bad)
+
+
+def boundary_loops(faces: IntArray, twins: IntArray, vertex_count: int) -> tuple[IntArray, ...]:
+    """Boundary loops, each along the surface's orientation from its lowest vertex id, longest first.
+
+    Assumes manifold vertices (at most one boundary half-edge leaves any vertex).
+    """
+    open_half_edges = np.flatnonzero(twins == BOUNDARY)
+    if len(open_half_edges) == 0:
+        return ()
+    flat = faces.reshape(-1)
+    tails = flat[open_half_edges]
+    corner = open_half_edges % 3
+    heads = flat[open_half_edges - corner + (corner + 1) % 3]
+    follower = dict(zip(tails.tolist(), heads.tolist(), strict=True))
+    loops = []
+    for tail in sorted(follower):
+        if tail not in follower:
+            continue
+        loop = [tail]
+        vertex = follower.pop(tail)
+        while vertex != tail and vertex in follower:
+            loop.append(vertex)
+            vertex = follower.pop(vertex)
+        loops.append(np.array(loop, np.int64))
+    return tuple(sorted(loops, key=lambda loop: (-len(loop), loop[0])))
+
+
+def _face_components(twins: IntArray, face_count: int) -> tuple[int, IntArray]:
+    inner = np.flatnonzero(twins >= 0)
+    graph = coo_array((np.ones(len(inner), np.int8), (inner // 3, twins[inner] // 3)), (face_count, face_count))
+    count, labels = connected_components(graph, directed=False)
+    return int(count), labels
+
+
+def _is_orientable(faces: IntArray, twins: IntArray) -> bool:
+    """Whether flipping some faces would make all agree: the signed double cover stays in two pieces."""
+    face_count = len(faces)
+    inner = np.flatnonzero(twins >= 0)
+    flat = faces.reshape(-1)
+    agree = flat[inner] != flat[twins[inner]]
+    here, there = inner // 3, twins[inner] // 3
+    rows = np.concatenate([here, here + face_count])
+    columns = np.concatenate([np.where(agree, there, there + face_count), np.where(agree, there + face_count, there)])
+    graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), (2 * face_count, 2 * face_count))
+    _, labels = connected_components(graph, directed=False)
+    return bool(np.all(labels[:face_count] != labels[face_count:]))
+
+
+def _listing(rows: IntArray, limit: int = 5) -> str:
+    shown = ", ".join("-".join(str(int(i)) for i in np.atleast_1d(row)) for row in rows[:limit])
+    return shown + (", ..." if len(rows) > limit else "")
+
+
+def _defect(kind: str, rows: IntArray, sentence: str) -> Defect:
+    first = tuple(tuple(int(i) for i in np.atleast_1d(row)) for row in rows[:5])
+    return Defect(kind, len(rows), first, sentence.format(n=len(rows), which=_listing(rows)))
+
+
+def _duplicate_faces(faces: IntArray) -> IntArray:
+    ordered = np.sort(faces, axis=1)
+    order = np.lexsort(ordered.T[::-1])
+    same = np.all(ordered[order[1:]] == ordered[order[:-1]], axis=1)
+    return np.sort(order[1:][same])
+
+
+def examine(faces: IntArray, vertex_count: int) -> Topology:
+    """Examine a mesh's topology and list every defect with its count and first few offenders.
+
+    Parameters: faces (F, 3) integers in [0, vertex_count). Nothing is changed or repaired.
+    """
+    faces = np.ascontiguousarray(faces, np.int64)
+    defects: list[Defect] = []
+    repeated = np.flatnonzero((faces == faces[:, [1, 2, 0]]).any(axis=1))
+    if len(repeated):
+        defects.append(_defect("repeated-index-face", repeated, "{n} faces use a vertex twice: faces {which}"))
+    twins, edge_count, crowded, turned = _pair(faces, vertex_count)
+    flat = faces.reshape(-1)
+
+    def ends(half_edges: IntArray) -> IntArray:
+        corner = half_edges % 3
+        return np.column_stack([flat[half_edges], flat[half_edges - corner + (corner + 1) % 3]])
+
+    if len(crowded):
+        duplicates = _duplicate_faces(faces)
+        if len(duplicates):
+            defects.append(_defect("duplicate-face", duplicates, "{n} faces are listed twice: faces {which}"))
+        defects.append(
+            _defect("non-manifold-edge", ends(crowded), "{n} edges have more than two faces: edges {which}")
+        )
+    elif len(turned):
+        if len(faces) == 0 or _is_orientable(faces, twins):
+            sentence = "faces disagree in orientation across {n} edges: edges {which}"
+            defects.append(_defect("inconsistent-orientation", ends(turned), sentence))
+        else:
+            sentence = "the surface is not orientable (a Moebius band lies in it): {n} edges disagree, edges {which}"
+            defects.append(_defect("not-orientable", ends(turned), sentence))
+    if not defects:
+        split = _vertex_fans(faces, twins, vertex_count)
+        if len(split):
+            sentence = "{n} vertices are non-manifold (faces touch in the vertex only): vertices {which}"
+            defects.append(_defect("non-manifold-vertex", split, sentence))
+    referenced = np.zeros(vertex_count, bool)
+    referenced[flat] = True
+    used = int(np.count_nonzero(referenced))
+    components, _ = _face_components(twins, len(faces)) if len(faces) else (0, None)
+    return Topology(
+        vertex_count=vertex_count,
+        face_count=len(faces),
+        edge_count=int(edge_count),
+        component_count=components,
+        euler_characteristic=used - int(edge_count) + len(faces),
+        loops=boundary_loops(faces, twins, vertex_count) if not defects else (),
+        unreferenced_count=vertex_count - used,
+        defects=tuple(defects),
+        twins=twins,
+    )

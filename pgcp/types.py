@@ -1,0 +1,153 @@
+"""Plain data that passes between stages. Nothing here computes; arrays are checked once, at the border."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pgcp.errors import DegenerateError, InputError
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+IntArray = npt.NDArray[np.integer[Any]]
+BoolArray = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    """A triangle mesh: vertices (V, 3) float64, faces (F, 3) integers, counter-clockwise from outside.
+
+    Raises InputError where shapes, indices or coordinates are not those of a mesh.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    name: str = "mesh"
+
+    def __post_init__(self) -> None:
+        vertices = np.ascontiguousarray(self.vertices, np.float64)
+        faces = np.ascontiguousarray(self.faces)
+        if vertices.ndim != 2 or vertices.shape[1] != 3:
+            raise InputError(f"{self.name}: vertices have shape {vertices.shape}, expected (V, 3)")
+        if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
+            raise InputError(
+                f"{self.name}: faces have shape {faces.shape} and type {faces.dtype}, expected (F, 3) integers"
+            )
+        if len(faces) == 0:
+            raise InputError(f"{self.name}: the mesh has no faces")
+        low, high = int(faces.min()), int(faces.max())
+        if low < 0 or high >= len(vertices):
+            bad = int(np.flatnonzero((faces < 0).any(1) | (faces >= len(vertices)).any(1))[0])
+            raise InputError(
+                f"{self.name}: face {bad} uses vertex {high if high >= len(vertices) else low}, "
+                f"but the mesh has vertices 0 to {len(vertices) - 1}"
+            )
+        if not np.isfinite(vertices).all():
+            bad = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
+            raise DegenerateError(f"{self.name}: vertex {bad} has a coordinate that is not a finite number")
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "faces", faces)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patch:
+    """One piece of a mesh, a topological disk.
+
+    vertices (Vp, 3); faces (Fp, 3) local; vertex_ids (Vp,) and face_ids (Fp,) in the mesh;
+    boundary (Bp,) local ids, counter-clockwise, from the lowest mesh vertex id on it.
+    """
+
+    index: int
+    vertices: FloatArray
+    faces: IntArray
+    vertex_ids: IntArray
+    face_ids: IntArray
+    boundary: IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoundaryCurve:
+    """The boundary of a flattened patch, all that travels for welding.
+
+    vertex_ids (B,) in order, counter-clockwise; z (B * r,) positions, r points for every edge from its tail on.
+    ``pieces`` is 1, or the number of pieces the patch was flattened in because its free boundary crossed itself.
+    """
+
+    patch: int
+    vertex_ids: IntArray
+    z: ComplexArray
+    pieces: int = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WeldStep:
+    """Weld component ``left`` and component ``right`` into component ``result``.
+
+    Components 0..K-1 are the patches; later ones are unions. ``level`` is the step's depth in the tree:
+    steps of one level are independent of each other.
+    """
+
+    left: int
+    right: int
+    result: int
+    level: int
+    seam_edge_count: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WeldPlan:
+    """All welds, in an order in which every component exists before it is used."""
+
+    patch_count: int
+    steps: tuple[WeldStep, ...]
+
+    @property
+    def levels(self) -> tuple[tuple[WeldStep, ...], ...]:
+        """Steps grouped by level."""
+        depth = max((step.level for step in self.steps), default=0)
+        return tuple(tuple(s for s in self.steps if s.level == level) for level in range(1, depth + 1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PatchMap:
+    """The solved map of one patch: z (Vp,) at its vertices, mu (Fp,) on its faces, and what the fold check saw."""
+
+    patch: int
+    z: ComplexArray
+    mu: ComplexArray
+    fold_count: int
+    mu_max: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Quality:
+    """How good a map is, over all 3F corners and F faces.
+
+    Angles in degrees of |angle in the map - angle on the surface| (PGCP eq. 5.1); ``log_area_mean`` is the mean
+    of |d_area| (PGCP eq. 6.1); folds counts faces whose signed area in the map is not positive.
+    """
+
+    angle_mean_deg: float
+    angle_sd_deg: float
+    angle_median_deg: float
+    angle_p99_deg: float
+    angle_max_deg: float
+    mu_mean: float
+    mu_max: float
+    folds: int
+    log_area_mean: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Parameterization:
+    """The finished map: coordinates (V, 2), patch (F,), mu (F,), quality, and the report as plain data."""
+
+    mesh: Mesh
+    coordinates: FloatArray
+    patch: IntArray
+    mu: ComplexArray
+    quality: Quality
+    report: dict[str, Any] = field(repr=False, default_factory=dict)

@@ -1,0 +1,263 @@
+"""Partial welding of flattened patches, boundary points only (PGCP section 4.3, Algorithm 2).
+
+A component is what welds have made so far: all boundary and seam points of its patches, and its outer loop. One
+weld joins two components whose outer loops share exactly one arc.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pgcp.errors import WeldFailedError
+from pgcp.natural import crosses_itself, natural_boundary
+from pgcp.types import BoundaryCurve, ComplexArray, FloatArray, IntArray, WeldStep
+from pgcp.zipper import close_arcs, open_arc, scale_variation
+
+SECTOR_LIMIT = 0.98 * np.pi
+_FAN_ANGLES = 5
+_FAN_RADII = 300
+_VARIATION_SAMPLE = 500
+_SAME_ARC = 1e-10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Component:
+    """A welded union of patches.
+
+    nodes (N,) distinct node ids and z (N,) their positions; loop (B,) indices into them, counter-clockwise; edges
+    (M, 2) indices, with their lengths (M,) on the surface.
+    """
+
+    nodes: IntArray
+    z: ComplexArray
+    loop: IntArray
+    edges: IntArray
+    lengths: FloatArray
+    vertex_count: int
+
+    @property
+    def corners(self) -> IntArray:
+        """Positions in the loop that hold mesh vertices, not inserted nodes."""
+        return np.flatnonzero(self.nodes[self.loop] < self.vertex_count)
+
+
+def subdivide(z: ComplexArray, refinement: int) -> ComplexArray:
+    """Points (B * refinement,) of a closed polygon z (B,), every edge in equal parts."""
+    t = np.arange(refinement) / refinement
+    points: ComplexArray = (z[:, None] + t * (np.roll(z, -1) - z)[:, None]).reshape(-1)
+    return points
+
+
+def start_component(curve: BoundaryCurve, vertices: FloatArray, edge_keys: IntArray) -> Component:
+    """Make a component of one patch from its subdivided boundary curve.
+
+    A flattened patch is piecewise linear, so points inside a boundary edge are known exactly; with them the zipper
+    follows the straight edge instead of an arc that only meets its end points, and the boundary's curved image is
+    resolved. edge_keys: the sorted keys ``low * V + high`` of all seam and boundary edges. Inserted nodes get ids from V
+    upwards, the same from either side.
+    """
+    ids = np.asarray(curve.vertex_ids, np.int64)
+    after = np.roll(ids, -1)
+    refinement = len(curve.z) // len(ids)
+    lengths = np.linalg.norm(vertices[after] - vertices[ids], axis=1)
+    rank = np.searchsorted(edge_keys, np.minimum(ids, after) * len(vertices) + np.maximum(ids, after))
+    owner = np.repeat(np.arange(len(ids)), refinement)
+    t = np.tile(np.arange(refinement), len(ids))
+    along = np.where((ids < after)[owner], t, refinement - t)
+    inserted = len(vertices) + rank[owner] * (refinement - 1) + along - 1
+    n = len(owner)
+    return Component(
+        nodes=np.where(t == 0, ids[owner], inserted),
+        z=curve.z,
+        loop=np.arange(n),
+        edges=np.column_stack([np.arange(n), np.roll(np.arange(n), -1)]),
+        lengths=lengths[owner] / refinement,
+        vertex_count=len(vertices),
+    )
+
+
+def run_welds(components: dict[int, Component], steps: Iterable[WeldStep]) -> Component:
+    """Run all steps of a plan one after the other and return the last union. Components no longer needed are dropped."""
+    for step in steps:
+        components[step.result] = weld_pair(components.pop(step.left), components.pop(step.right))
+    (union,) = components.values()
+    return union
+
+
+def shared_arc(left: IntArray, right: IntArray) -> tuple[IntArray, IntArray]:
+    """Rotate two loops of node ids so that each starts with the arc they share.
+
+    Returns the left loop from the arc's start, and the right loop reversed from the same node: both begin with the
+    same k + 1 nodes. Raises WeldFailedError where the loops share no edge or more than one arc.
+    """
+    backward = right[::-1]
+    position = dict(zip(backward.tolist(), range(len(backward)), strict=True))
+    place = np.array([position.get(node, -1) for node in left.tolist()])
+    follows = (place >= 0) & (np.roll(place, -1) >= 0)
+    follows &= (place + 1) % len(backward) == np.roll(place, -1)
+    shared_edges, shared_nodes = int(follows.sum()), int((place >= 0).sum())
+    starts = np.flatnonzero(follows & ~np.roll(follows, 1))
+    if len(starts) != 1 or shared_nodes != shared_edges + 1:
+        raise WeldFailedError(
+            f"two boundary loops share {shared_nodes} points in {max(len(starts), shared_nodes - shared_edges)} arcs, "
+            "a weld needs exactly one arc"
+        )
+    start = int(starts[0])
+    return np.roll(np.arange(len(left)), -start), np.roll(np.arange(len(right))[::-1], -place[start])
+
+
+def _power_about_half_axis(others: ComplexArray, p: FloatArray, side: float, power: float) -> tuple[ComplexArray, FloatArray]:
+    """Apply z -> i side (z / (i side))^power: conformal on the sector, keeps 0, infinity and the half-axis."""
+    angle = power * np.arctan2(others.real, side * others.imag)
+    radius = np.abs(others) ** power
+    return radius * np.sin(angle) + 1j * side * radius * np.cos(angle), side * np.abs(p) ** power
+
+
+def _sector(others: ComplexArray, side: float) -> float:
+    """Angle from the half-axis ``i side`` to the farthest point."""
+    return float(np.arctan2(others.real, side * others.imag).max(initial=0.0))
+
+
+def _separate(
+    a: ComplexArray, p_a: FloatArray, b: ComplexArray, p_b: FloatArray
+) -> tuple[ComplexArray, FloatArray, ComplexArray, FloatArray, float, float]:
+    """Make the two intermediate forms disjoint, and bring them to one scale.
+
+    A fills a sector from the positive half-axis, B one from the negative. Where they would meet, the same power map
+    shrinks both so that a gap is left. The scale of either form is free: seam points are matched in the log mean.
+    """
+    wide_a, wide_b = _sector(a, 1.0), _sector(b, -1.0)
+    if wide_a + wide_b > SECTOR_LIMIT:
+        power = SECTOR_LIMIT / (wide_a + wide_b)
+        a, p_a = _power_about_half_axis(a, p_a, 1.0, power)
+        b, p_b = _power_about_half_axis(b, p_b, -1.0, power)
+        wide_a, wide_b = wide_a * power, wide_b * power
+    if len(p_a) > 1:
+        if not (p_a[1] > 0.0 > p_b[1]):
+            raise WeldFailedError("a seam is so crowded at its start that its points cannot be told apart")
+        scale_a = np.exp(np.mean(np.log(p_a[1:])))
+        scale_b = np.exp(np.mean(np.log(-p_b[1:])))
+        a, p_a, b, p_b = a * scale_a, p_a / scale_a, b * scale_b, p_b / scale_b
+    return a, p_a, b, p_b, wide_a, wide_b
+
+
+def _gap_fan(a: ComplexArray, b: ComplexArray, wide_a: float, wide_b: float) -> ComplexArray:
+    """Points in the gap between the two sectors, outside both sides: where infinity may come from."""
+    radius = np.abs(np.concatenate([a, b]))
+    radius = radius[radius > 0]
+    low, high = (np.log(radius.min()) - 2.0, np.log(radius.max()) + 2.0) if len(radius) else (-5.0, 5.0)
+    fractions = (np.arange(_FAN_ANGLES) + 0.5) / _FAN_ANGLES
+    angles = wide_b - 0.5 * np.pi + fractions * (np.pi - wide_a - wide_b)
+    return (np.exp(np.linspace(low, high, _FAN_RADII))[:, None] * np.exp(1j * angles)[None, :]).reshape(-1)
+
+
+def normalise(z: ComplexArray, edges: IntArray, lengths: FloatArray, poles: ComplexArray) -> ComplexArray:
+    """Send to infinity the pole that leaves the least variation of scale, and make the mean log scale 0.
+
+    z may hold one point at infinity. The variance of log(|edge in the plane| / |edge on the surface|) is taken over an
+    even sample of the edges. Raises WeldFailedError where no pole serves.
+    """
+    sample = edges[:: max(1, len(edges) // _VARIATION_SAMPLE)]
+    weights = lengths[:: max(1, len(edges) // _VARIATION_SAMPLE)]
+    tails, heads = z[sample[:, 0]], z[sample[:, 1]]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        log_lengths = np.log(np.abs(tails - heads) / weights)
+    poles = poles[np.isfinite(poles)]
+    variation = scale_variation(tails, heads, log_lengths, weights, poles)
+    variation[~np.isfinite(variation)] = np.inf
+    if len(variation) == 0 or not np.isfinite(variation.min()):
+        raise WeldFailedError("no point outside the welded union could be sent to infinity")
+    pole = poles[int(np.argmin(variation))]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        image = 1.0 / (z - pole)
+    image[~np.isfinite(z)] = 0.0
+    scale = np.log(np.abs(image[edges[:, 0]] - image[edges[:, 1]]) / lengths)
+    return (image - image.mean()) * np.exp(-np.average(scale, weights=lengths))
+
+
+def _similarity(fixed: ComplexArray, moving: ComplexArray) -> tuple[complex, complex, float]:
+    """Least squares a, b with a * moving + b near fixed; and the largest miss relative to the extent."""
+    centre_fixed, centre_moving = fixed.mean(), moving.mean()
+    u, v = fixed - centre_fixed, moving - centre_moving
+    a = complex(np.vdot(v, u) / np.vdot(v, v))
+    miss = float(np.abs(u - a * v).max() / np.abs(u).max())
+    return a, complex(centre_fixed - a * centre_moving), miss
+
+
+def weld_pair(left: Component, right: Component) -> Component:
+    """Weld two components along the arc their outer loops share (PGCP Algorithm 2).
+
+    Where a similarity brings the two arcs together it is the weld: pieces of a plane stay what they are. Raises
+    WeldFailedError where the loops share no single arc or where the boundary curves cannot be opened.
+    """
+    order_left, order_right = shared_arc(left.nodes[left.loop], right.nodes[right.loop])
+    loop_left, loop_right = left.loop[order_left], right.loop[order_right]
+    k = int(np.isin(left.nodes[left.loop], right.nodes[right.loop]).sum()) - 1
+    arc_left, arc_right = loop_left[: k + 1], loop_right[: k + 1]
+    union, sides = _join(left, right, loop_left, loop_right, k)
+    a, b, miss = _similarity(left.z[arc_left], right.z[arc_right])
+    if miss < _SAME_ARC:
+        z = np.concatenate([left.z[arc_left], left.z[sides[0]], a * right.z[sides[1]] + b])
+        if not crosses_itself(z[union.loop]):
+            return replace(union, z=z)
+    p_a, z_a, stuck_a = open_arc(left.z[arc_left], left.z[sides[0]], 1.0)
+    p_b, z_b, stuck_b = open_arc(right.z[arc_right], right.z[sides[1]], -1.0)
+    for stuck, side in ((stuck_a, left), (stuck_b, right)):
+        if stuck >= 0:
+            raise WeldFailedError(
+                f"a boundary curve of {len(side.loop)} points crosses itself near point {stuck} of its seam"
+            )
+    z_a, p_a, z_b, p_b, wide_a, wide_b = _separate(z_a, p_a, z_b, p_b)
+    fan = _gap_fan(z_a, z_b, wide_a, wide_b)
+    arc, moved, stuck = close_arcs(p_a, p_b, np.concatenate([z_a, z_b, fan]))
+    if stuck >= 0:
+        raise WeldFailedError(f"a seam of {k} edges could not be closed at its point {stuck}")
+    z = np.concatenate([[np.inf], arc, moved[: len(z_a) + len(z_b)]])
+    z = normalise(z, union.edges, union.lengths, moved[len(z_a) + len(z_b) :])
+    if not np.isfinite(z).all():
+        raise WeldFailedError(f"welding along {k} edges gave positions that are not finite")
+    union = replace(union, z=z)
+    return replace(union, z=_relax_boundary(union))
+
+
+def _join(
+    left: Component, right: Component, loop_left: IntArray, loop_right: IntArray, k: int
+) -> tuple[Component, tuple[IntArray, IntArray]]:
+    """Join two components that share the first k + 1 points of both loops, positions still to be set.
+
+    Points of the union: the arc, then the rest of the left one, then the rest of the right one; the rests are returned.
+    """
+    arc_left, arc_right = loop_left[: k + 1], loop_right[: k + 1]
+    rest_left = np.setdiff1d(np.arange(len(left.nodes)), arc_left)
+    rest_right = np.setdiff1d(np.arange(len(right.nodes)), arc_right)
+    to_left = np.empty(len(left.nodes), np.int64)
+    to_left[arc_left], to_left[rest_left] = np.arange(k + 1), k + 1 + np.arange(len(rest_left))
+    to_right = np.empty(len(right.nodes), np.int64)
+    to_right[arc_right], to_right[rest_right] = np.arange(k + 1), k + 1 + len(rest_left) + np.arange(len(rest_right))
+    nodes = np.concatenate([left.nodes[arc_left], left.nodes[rest_left], right.nodes[rest_right]])
+    # the left loop runs n_0 .. n_k, rest; the right one, reversed, n_0 .. n_k, rest; the union n_k, left rest, n_0, right rest
+    loop = np.concatenate([to_left[loop_left[k:]], [0], to_right[loop_right[k + 1 :]][::-1]])
+    edges_right = to_right[right.edges]
+    welded = (edges_right.max(axis=1) <= k) & (np.abs(edges_right[:, 0] - edges_right[:, 1]) == 1)
+    start = int(np.flatnonzero(nodes[loop] < left.vertex_count)[0])
+    union = Component(
+        nodes=nodes,
+        z=np.zeros(len(nodes), np.complex128),
+        loop=np.roll(loop, -start),
+        edges=np.concatenate([to_left[left.edges], edges_right[~welded]]),
+        lengths=np.concatenate([left.lengths, right.lengths[~welded]]),
+        vertex_count=left.vertex_count,
+    )
+    return union, (rest_left, rest_right)
+
+
+def _relax_boundary(union: Component) -> ComplexArray:
+    """Give the union its natural boundary, or as much of it as leaves the boundary curve simple."""
+    for strength in (1.0, 0.5, 0.25):
+        z = natural_boundary(union.z, union.edges, union.lengths, union.loop, union.corners, strength)
+        if np.isfinite(z).all() and not crosses_itself(z[union.loop]):
+            return z
+    return union.z

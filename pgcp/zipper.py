@@ -1,0 +1,179 @@
+"""The geodesic zipper: open two arcs onto the imaginary axis, close them onto each other (PGCP Algorithms 1, 2).
+
+Every map is a Moebius self-map of the right half-plane followed by ``sqrt(w^2 -+ 1)``. The Moebius map is kept as
+
+    M(z) = c z / (1 + i d z),   c > 0, d real,
+
+for which, with z = x + i y,  Re M = c x / |1 + i d z|^2  exactly: real parts keep their relative precision however
+small they are, which is what crowded points need. Differences M(z) - M(p) are computed from z - p, so points close
+to the end of a slit keep their precision too. Points on the imaginary axis are kept as inverse heights p (z = i / p):
+infinity is p = 0 and needs no special case, nor does a collinear arc (d = 0).
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from pgcp.types import ComplexArray, FloatArray
+
+
+@numba.njit(cache=True, error_model="numpy", inline="always")
+def _right_root(w_re: float, w_im: float) -> tuple[float, float]:
+    """Square root with positive real part, both parts to full relative precision."""
+    r = np.sqrt(w_re * w_re + w_im * w_im)
+    t = np.sqrt(0.5 * (r + abs(w_re)))
+    s = 0.5 * abs(w_im) / t if t > 0.0 else 0.0
+    if w_re >= 0.0:
+        return t, np.copysign(s, w_im)
+    return s, np.copysign(t, w_im)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _open_step(re: FloatArray, im: FloatArray, a: float, b: float) -> None:
+    """Open the slit from 0 to xi = a + i b for points off it: z -> sqrt(L(z)^2 - 1), L(xi) = 1 (PGCP eq. 3.12)."""
+    square = a * a + b * b
+    c, d = a / square, b / square
+    for i in range(re.shape[0]):
+        x, y = re[i], im[i]
+        q_re, q_im = 1.0 - d * y, d * x
+        q2 = q_re * q_re + q_im * q_im
+        l_re = c * x / q2
+        l_im = c * (y * q_re - d * x * x) / q2
+        # L - 1 = (z - xi) / (xi (1 + i d z))
+        den_re, den_im = a * q_re - b * q_im, a * q_im + b * q_re
+        den2 = den_re * den_re + den_im * den_im
+        u, v = x - a, y - b
+        m_re = (u * den_re + v * den_im) / den2
+        m_im = (v * den_re - u * den_im) / den2
+        re[i], im[i] = _right_root(m_re * (l_re + 1.0) - m_im * l_im, 2.0 * l_re * l_im)
+
+
+@numba.njit(cache=True, error_model="numpy", inline="always")
+def _moebius(x: float, y: float, c: float, d: float) -> tuple[float, float]:
+    """c z / (1 + i d z) at z = x + i y."""
+    q_re, q_im = 1.0 - d * y, d * x
+    q2 = q_re * q_re + q_im * q_im
+    return c * x / q2, c * (y * q_re - d * x * x) / q2
+
+
+@numba.njit(cache=True, error_model="numpy")
+def open_arc(arc: ComplexArray, others: ComplexArray, branch: float) -> tuple[FloatArray, ComplexArray, int]:
+    """Bring a boundary curve to its intermediate form (PGCP Algorithm 1).
+
+    arc (k+1,) is opened onto the imaginary axis, others (n,) into the right half-plane; ``branch`` is +1 where the
+    domain lies to the left of the arc and -1 where it lies to the right. Returns the inverse heights p (k,) of points
+    0..k-1 (point j is at i / p[j]; p[0] = 0, that is infinity, and ``branch * p`` increases; point k is at 0), the
+    others, and the number of the arc point that could not be opened (its image is not inside the half-plane), or -1.
+    """
+    k = arc.shape[0] - 1
+    count = others.shape[0]
+    total = k - 1 + count
+    re = np.empty(total)
+    im = np.empty(total)
+    z0, z1 = arc[0], arc[1]
+    for i in range(total):
+        z = arc[i + 2] if i < k - 1 else others[i - k + 1]
+        w = (z - z1) / (z - z0)
+        re[i], im[i] = _right_root(w.real, w.imag)
+    p = np.zeros(k)
+    for j in range(2, k + 1):
+        a, b = re[j - 2], im[j - 2]
+        if not (a > 0.0 and np.isfinite(a) and np.isfinite(b)):
+            return p, others, j
+        for i in range(j - 1):
+            # L(i / p) = i / t with t = (p - d) / c; the root keeps the sign of t
+            t = (p[i] * (a * a + b * b) - b) / a
+            p[i] = t / np.sqrt(1.0 + t * t)
+        p[j - 1] = branch
+        _open_step(re[j - 1 :], im[j - 1 :], a, b)
+    # send the image of z0 to infinity (PGCP eq. 4.13)
+    d = p[0]
+    for i in range(k):
+        p[i] -= d
+    out = np.empty(count, np.complex128)
+    for i in range(count):
+        x, y = _moebius(re[k - 1 + i], im[k - 1 + i], 1.0, d)
+        out[i] = complex(x, y)
+    return p, out, -1
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _close_step(re: FloatArray, im: FloatArray, p: float, q: float) -> None:
+    """Close the slit from i / p to i / q through 0: z -> sqrt(T(z)^2 + 1), T(i/p) = i, T(i/q) = -i (PGCP eq. 4.14-4.16)."""
+    c, d = 0.5 * (p - q), 0.5 * (p + q)
+    for i in range(re.shape[0]):
+        x, y = re[i], im[i]
+        q_re, q_im = 1.0 - d * y, d * x
+        q2 = q_re * q_re + q_im * q_im
+        t_re = c * x / q2
+        t_im = c * (y * q_re - d * x * x) / q2
+        # T - i = (p z - i) / (1 + i d z),  T + i = (i - q z) / (1 + i d z)
+        up, down = p * y - 1.0, 1.0 - q * y
+        m_re = -p * q * x * x - up * down
+        m_im = x * (p * down - q * up)
+        s_re, s_im = q_re * q_re - q_im * q_im, 2.0 * q_re * q_im
+        re[i], im[i] = _right_root((m_re * s_re + m_im * s_im) / (q2 * q2), 2.0 * t_re * t_im)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def close_arcs(upper: FloatArray, lower: FloatArray, others: ComplexArray) -> tuple[ComplexArray, ComplexArray, int]:
+    """Weld points with inverse heights ``upper`` (k,) >= 0 to points with ``lower`` (k,) <= 0 (PGCP Algorithm 2).
+
+    Point 0 of both is infinity, point k of both is 0; others (n,) in the right half-plane move along. Returns the common
+    images of points 1..k, the images of the others, and -1 or the number of the point that could not be welded. The image
+    of point 0 is infinity.
+    """
+    k = upper.shape[0]
+    count = others.shape[0]
+    re = np.empty(k + count)
+    im = np.empty(k + count)
+    for i in range(count):
+        re[k + i], im[k + i] = others[i].real, others[i].imag
+    # slot j - 1 holds the welded point j, from the moment it is welded
+    re[k - 1] = im[k - 1] = 0.0
+    u, v = upper.copy(), lower.copy()
+    far = 0.0
+    for j in range(k - 1, 0, -1):
+        p, q = u[j], v[j]
+        if not (p > far and far > q and np.isfinite(p) and np.isfinite(q)):
+            return np.empty(0, np.complex128), others, j
+        for i in range(1, j):
+            u[i] = (u[i] - 0.5 * (p + q)) / np.sqrt((p - u[i]) * (u[i] - q))
+            v[i] = (v[i] - 0.5 * (p + q)) / np.sqrt((p - v[i]) * (v[i] - q))
+        far = (far - 0.5 * (p + q)) / np.sqrt((p - far) * (far - q))
+        _close_step(re[j:], im[j:], p, q)
+        re[j - 1] = im[j - 1] = 0.0
+    arc = np.empty(k, np.complex128)
+    out = np.empty(count, np.complex128)
+    for i in range(k + count):
+        x, y = _moebius(re[i], im[i], 1.0, far)
+        square = complex(x * x - y * y, 2.0 * x * y)
+        if i < k:
+            arc[i] = square
+        else:
+            out[i - k] = square
+    return arc, out, -1
+
+
+@numba.njit(cache=True)
+def scale_variation(
+    tails: ComplexArray, heads: ComplexArray, log_lengths: FloatArray, weights: FloatArray, poles: ComplexArray
+) -> FloatArray:
+    """Weighted variance of log(|edge in the plane| / |edge on the surface|) after 1 / (z - pole), for each pole.
+
+    |1/(p - c) - 1/(q - c)| = |p - q| / (|p - c| |q - c|): only the distances to the pole change. Edges with an end at
+    infinity are left out.
+    """
+    out = np.empty(poles.shape[0])
+    for n in range(poles.shape[0]):
+        total, mean, square = 0.0, 0.0, 0.0
+        for e in range(tails.shape[0]):
+            value = log_lengths[e] - np.log(abs(tails[e] - poles[n])) - np.log(abs(heads[e] - poles[n]))
+            if not np.isfinite(value):
+                continue
+            total += weights[e]
+            mean += weights[e] * value
+            square += weights[e] * value * value
+        out[n] = square / total - (mean / total) ** 2
+    return out
