@@ -16,8 +16,6 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from scipy.sparse import csc_array, csr_array
-from scipy.sparse.linalg import splu
 
 from pgcp.types import ComplexArray, FloatArray, IntArray
 
@@ -110,20 +108,93 @@ def crosses_itself(s: ComplexArray) -> bool:
     return False
 
 
+@numba.njit(cache=True)
+def _spanning_tree(
+    node_count: int, edges: IntArray, order: IntArray, root: int
+) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+    """Tree of the first edges in ``order`` that close no cycle: nodes from the root on, parents, edge to the parent, chords."""
+    leader = np.arange(node_count)
+    used = np.zeros(len(edges), np.bool_)
+    degree = np.zeros(node_count + 1, np.int64)
+    for e in order:
+        ends = np.empty(2, np.int64)
+        for i in range(2):
+            v = edges[e, i]
+            while leader[v] != v:
+                leader[v] = leader[leader[v]]
+                v = leader[v]
+            ends[i] = v
+        if ends[0] != ends[1]:
+            leader[ends[0]] = ends[1]
+            used[e] = True
+            degree[edges[e, 0] + 1] += 1
+            degree[edges[e, 1] + 1] += 1
+    starts = np.cumsum(degree)
+    fill = starts[:-1].copy()
+    incident = np.empty(starts[-1], np.int64)
+    for e in range(len(edges)):
+        if used[e]:
+            for i in range(2):
+                incident[fill[edges[e, i]]] = e
+                fill[edges[e, i]] += 1
+    parent = np.full(node_count, -1, np.int64)
+    link = np.full(node_count, -1, np.int64)
+    nodes = np.empty(node_count, np.int64)
+    nodes[0] = root
+    parent[root] = root
+    count, head = 1, 0
+    while head < count:
+        v = nodes[head]
+        head += 1
+        for p in range(starts[v], starts[v + 1]):
+            e = incident[p]
+            w = edges[e, 0] + edges[e, 1] - v
+            if parent[w] < 0:
+                parent[w], link[w] = v, e
+                nodes[count] = w
+                count += 1
+    return nodes[:count], parent, link, np.flatnonzero(~used)
+
+
+@numba.njit(cache=True)
+def _cycles(edges: IntArray, nodes: IntArray, parent: IntArray, link: IntArray, chords: IntArray) -> FloatArray:
+    """Fundamental cycles (C, M): +1 or -1 where a cycle runs along or against an edge."""
+    depth = np.zeros(len(parent), np.int64)
+    for v in nodes[1:]:
+        depth[v] = depth[parent[v]] + 1
+    out = np.zeros((len(chords), len(edges)))
+    for c in range(len(chords)):
+        a, b = edges[chords[c], 0], edges[chords[c], 1]
+        out[c, chords[c]] = 1.0
+        while a != b:  # from b back to a through the tree
+            if depth[a] > depth[b]:
+                out[c, link[a]] += 1.0 if edges[link[a], 1] == a else -1.0
+                a = parent[a]
+            else:
+                out[c, link[b]] += 1.0 if edges[link[b], 0] == b else -1.0
+                b = parent[b]
+    return out
+
+
 def _integrate(node_count: int, edges: IntArray, steps: ComplexArray) -> ComplexArray:
     """Positions whose differences along edges (M, 2) are the steps (M,), in the least squares sense relative to |step|.
 
-    Position 0 is held at 0.
+    Steps are summed along the tree of shortest edges, from its shortest one, so small parts keep their precision beside
+    large ones; what cycles fail to close by is shared out first: min sum |d|^2 / |step|^2 with every cycle closed.
     """
-    weights = 1.0 / np.abs(steps)
-    rows = np.arange(len(edges))
-    data = np.concatenate([weights, -weights])
-    columns = np.concatenate([edges[:, 1], edges[:, 0]])
-    gradient = csr_array((data, (np.concatenate([rows, rows]), columns)), shape=(len(edges), node_count))[:, 1:]
-    right = gradient.T @ (weights * steps)
-    factor = splu(csc_array(gradient.T @ gradient), "MMD_AT_PLUS_A", 0.0, options={"SymmetricMode": True})
+    size = np.abs(steps)
+    order = np.argsort(size, kind="stable")
+    nodes, parent, link, chords = _spanning_tree(node_count, edges, order, int(edges[order[0], 0]))
+    cycles = _cycles(edges, nodes, parent, link, chords)
+    weighted = cycles * size
+    extent = np.sqrt((weighted**2).sum(axis=1))
+    weighted /= extent[:, None]
+    share = np.linalg.lstsq(weighted @ weighted.T, -(cycles @ steps) / extent, rcond=None)[0]
+    steps = steps + size * (weighted.T @ share)
     out = np.zeros(node_count, np.complex128)
-    out[1:] = factor.solve(right.real) + 1j * factor.solve(right.imag)
+    for v in nodes[1:].tolist():
+        e = link[v]
+        out[v] = out[parent[v]] + (steps[e] if edges[e, 1] == v else -steps[e])
     return out
 
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from pgcp.assemble import collect, place
+from pgcp.beltrami import beltrami_coefficients
 from pgcp.dirichlet import choose_backend
 from pgcp.errors import DegenerateError, FoldError, InputError, NotManifoldError, NotSimplyConnectedError
 from pgcp.executors import DaskExecutor, Executor, Progress, SerialExecutor, silent
@@ -24,6 +25,7 @@ from pgcp.io import read_cuts, read_mesh
 from pgcp.operators import face_areas
 from pgcp.options import Options
 from pgcp.quality import measure_quality
+from pgcp.repair import repair_folds
 from pgcp.split import Split, cut_patch, split_mesh
 from pgcp.store import PatchStore
 from pgcp.tasks import Job, SolveReport, flatten_task, solve_task, weld_task
@@ -194,6 +196,9 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         with clock.stage("assemble"):
             maps = (PatchMap(s.patch, *store.read_map(s.patch), s.fold_count, s.mu_max) for s in solved)
             z, mu = collect(mesh, zip(patches, maps, strict=True))
+        with clock.stage("repair"):
+            z, touched, repair = repair_folds(mesh, z)
+            mu[touched] = beltrami_coefficients(mesh.vertices, mesh.faces[touched], z)
             coordinates = place(mesh, z, topology.loops[0])
         description = executor.describe()
     clock.executor = SerialExecutor()
@@ -223,6 +228,7 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         ],
         "welds": welds,
         "refinement": job.refinement,
+        "repairs": [asdict(repair)] if repair is not None else [],
         "quality": asdict(quality),
         "status": "good" if quality.folds == 0 else "folded",
     }

@@ -2,26 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 
+from pgcp.files import replacing
 from pgcp.types import Patch, PatchMap
-
-
-def write_atomically(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """Write an uncompressed npz under a temporary name, then rename it."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            np.savez(stream, **arrays)  # type: ignore[arg-type]
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +23,8 @@ class PatchStore:
     def write_patch(self, patch: Patch) -> None:
         """Store a patch."""
         arrays = {f.name: np.asarray(getattr(patch, f.name)) for f in fields(Patch)}
-        write_atomically(self._path("patch", patch.index), arrays)
+        with replacing(self._path("patch", patch.index)) as stream:
+            np.savez(stream, **arrays)  # type: ignore[arg-type]
 
     def read_patch(self, index: int) -> Patch:
         """Load a patch."""
@@ -46,7 +34,8 @@ class PatchStore:
 
     def write_map(self, solved: PatchMap) -> None:
         """Store a solved map's arrays."""
-        write_atomically(self._path("map", solved.patch), {"z": solved.z, "mu": solved.mu})
+        with replacing(self._path("map", solved.patch)) as stream:
+            np.savez(stream, z=solved.z, mu=solved.mu)
 
     def read_map(self, index: int) -> tuple[np.ndarray, np.ndarray]:
         """Load z and mu of a solved map."""

@@ -16,11 +16,14 @@ from pgcp.natural import crosses_itself, natural_boundary
 from pgcp.types import BoundaryCurve, ComplexArray, FloatArray, IntArray, WeldStep
 from pgcp.zipper import close_arcs, open_arc, scale_variation
 
-SECTOR_LIMIT = 0.98 * np.pi
+SECTOR_LIMIT = 0.7 * np.pi
 _FAN_ANGLES = 5
 _FAN_RADII = 300
 _VARIATION_SAMPLE = 500
+_BEST_POLES = 100
 _SAME_ARC = 1e-10
+_RELAX_STEPS = 12
+_LEAST_STRENGTH = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,20 +157,28 @@ def _gap_fan(a: ComplexArray, b: ComplexArray, wide_a: float, wide_b: float) -> 
     return (np.exp(np.linspace(low, high, _FAN_RADII))[:, None] * np.exp(1j * angles)[None, :]).reshape(-1)
 
 
+def _variation(z: ComplexArray, edges: IntArray, lengths: FloatArray, poles: ComplexArray) -> FloatArray:
+    """Variance of log(|edge in the plane| / |edge on the surface|) for each pole (N,), infinite where undefined."""
+    tails, heads = z[edges[:, 0]], z[edges[:, 1]]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        log_lengths = np.log(np.abs(tails - heads) / lengths)
+    out = scale_variation(tails, heads, log_lengths, lengths, poles)
+    out[~np.isfinite(out)] = np.inf
+    return out
+
+
 def normalise(z: ComplexArray, edges: IntArray, lengths: FloatArray, poles: ComplexArray) -> ComplexArray:
     """Send to infinity the pole that leaves the least variation of scale, and make the mean log scale 0.
 
     z may hold one point at infinity. The variance of log(|edge in the plane| / |edge on the surface|) is taken over an
-    even sample of the edges. Raises WeldFailedError where no pole serves.
+    even sample of the edges first, and over all of them for the poles that are best by the sample. Raises
+    WeldFailedError where no pole serves.
     """
-    sample = edges[:: max(1, len(edges) // _VARIATION_SAMPLE)]
-    weights = lengths[:: max(1, len(edges) // _VARIATION_SAMPLE)]
-    tails, heads = z[sample[:, 0]], z[sample[:, 1]]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        log_lengths = np.log(np.abs(tails - heads) / weights)
     poles = poles[np.isfinite(poles)]
-    variation = scale_variation(tails, heads, log_lengths, weights, poles)
-    variation[~np.isfinite(variation)] = np.inf
+    stride = max(1, len(edges) // _VARIATION_SAMPLE)
+    rough = _variation(z, edges[::stride], lengths[::stride], poles)
+    poles = poles[np.argsort(rough, kind="stable")[:_BEST_POLES]]
+    variation = _variation(z, edges, lengths, poles)
     if len(variation) == 0 or not np.isfinite(variation.min()):
         raise WeldFailedError("no point outside the welded union could be sent to infinity")
     pole = poles[int(np.argmin(variation))]
@@ -255,9 +266,22 @@ def _join(
 
 
 def _relax_boundary(union: Component) -> ComplexArray:
-    """Give the union its natural boundary, or as much of it as leaves the boundary curve simple."""
-    for strength in (1.0, 0.5, 0.25):
-        z = natural_boundary(union.z, union.edges, union.lengths, union.loop, union.corners, strength)
-        if np.isfinite(z).all() and not crosses_itself(z[union.loop]):
-            return z
-    return union.z
+    """Give the union its natural boundary, or as much of it as leaves the boundary curve simple.
+
+    Where the whole way at once would cross itself, part of the way is gone first: from there the curve is resolved
+    better, and the rest may succeed.
+    """
+    z = union.z
+    strength = 1.0
+    for _ in range(_RELAX_STEPS):
+        moved = natural_boundary(z, union.edges, union.lengths, union.loop, union.corners, strength)
+        if np.isfinite(moved).all() and not crosses_itself(moved[union.loop]):
+            z = moved
+            if strength == 1.0:
+                break
+            strength = min(1.0, 2.0 * strength)
+        else:
+            strength *= 0.5
+            if strength < _LEAST_STRENGTH:
+                break
+    return z

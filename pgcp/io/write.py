@@ -2,34 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
-import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
 from pgcp.errors import BadFileError
-from pgcp.store import write_atomically
+from pgcp.files import replacing
 from pgcp.types import FloatArray, IntArray, Mesh, Parameterization
 
 _CHUNK = 100_000
-
-
-@contextlib.contextmanager
-def _replacing(path: Path) -> Iterator[IO[bytes]]:
-    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            yield stream
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
 
 
 def _write_rows(stream: IO[bytes], form: str, rows: np.ndarray) -> None:
@@ -39,7 +22,7 @@ def _write_rows(stream: IO[bytes], form: str, rows: np.ndarray) -> None:
 
 
 def _write_obj(path: Path, mesh: Mesh, uv: FloatArray | None) -> None:
-    with _replacing(path) as stream:
+    with replacing(path) as stream:
         _write_rows(stream, "v %.9g %.9g %.9g\n", mesh.vertices)
         numbers = mesh.faces.astype(np.int64) + 1
         if uv is None:
@@ -64,7 +47,7 @@ def _write_ply(path: Path, mesh: Mesh, uv: FloatArray | None) -> None:
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertex)}"]
     header += [f"property {types[kind]} {name}" for name, kind in fields]
     header += [f"element face {len(face)}", "property list uchar int vertex_indices", "end_header", ""]
-    with _replacing(path) as stream:
+    with replacing(path) as stream:
         stream.write("\n".join(header).encode())
         stream.write(vertex.tobytes())
         stream.write(face.tobytes())
@@ -81,7 +64,7 @@ def write_mesh(path: str | Path, mesh: Mesh, uv: FloatArray | None = None) -> No
 
 def write_json(path: Path, data: dict[str, Any]) -> None:
     """Write a report."""
-    with _replacing(path) as stream:
+    with replacing(path) as stream:
         stream.write(json.dumps(data, indent=2, allow_nan=False).encode() + b"\n")
 
 
@@ -90,11 +73,11 @@ def write_outputs(directory: Path, stem: str, result: Parameterization, picture:
     directory.mkdir(parents=True, exist_ok=True)
     paths = [directory / f"{stem}{suffix}" for suffix in (".npz", ".obj", ".ply", ".png")] + [directory / "report.json"]
     faces: IntArray = result.mesh.faces
-    arrays = {"uv": result.coordinates, "faces": faces, "patch": result.patch, "mu": result.mu}
-    write_atomically(paths[0], arrays)
+    with replacing(paths[0]) as stream:
+        np.savez(stream, uv=result.coordinates, faces=faces, patch=result.patch, mu=result.mu)
     write_mesh(paths[1], result.mesh, result.coordinates)
     write_mesh(paths[2], result.mesh, result.coordinates)
-    with _replacing(paths[3]) as stream:
+    with replacing(paths[3]) as stream:
         stream.write(picture)
     write_json(paths[4], result.report)
     return paths

@@ -1,0 +1,111 @@
+"""Repair folds in a finished planar map by moving the few vertices around them.
+
+The signed areas of the faces around a vertex are linear in its position x, so the x that makes the smallest of them
+(relative to the area each face has on the surface) as large as possible is a linear programme in three unknowns
+(Freitag, Plassmann 2000). The vertex moves towards it no farther than needed, so angles elsewhere keep.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linprog
+
+from pgcp.beltrami import folded_faces
+from pgcp.operators import face_areas
+from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh
+
+_ROUNDS = 40
+_MOST_FOLDS = 2000
+_ENOUGH = 0.1
+_STEPS = np.linspace(0.05, 1.0, 20)
+
+
+@dataclass(frozen=True, slots=True)
+class Repair:
+    """What a repair did: folds before and after, vertices moved."""
+
+    method: str
+    folds_before: int
+    folds_after: int
+    moved_vertices: int
+
+
+def _star(faces: IntArray, face_ids: IntArray, vertex: int) -> tuple[IntArray, IntArray, IntArray]:
+    """Faces around a vertex, and the two other corners of each, counter-clockwise."""
+    around = face_ids[(faces[face_ids] == vertex).any(axis=1)]
+    corner = np.argmax(faces[around] == vertex, axis=1)
+    rows = np.arange(len(around))
+    return around, faces[around][rows, (corner + 1) % 3], faces[around][rows, (corner + 2) % 3]
+
+
+def _relative_areas(x: complex, p: ComplexArray, q: ComplexArray, target: FloatArray) -> FloatArray:
+    return np.imag(np.conj(p - x) * (q - x)) / target
+
+
+def _better_place(x: complex, p: ComplexArray, q: ComplexArray, surface: FloatArray) -> complex | None:
+    """Nearby position where the smallest relative area around the vertex is larger, or None."""
+    area = np.imag(np.conj(p - x) * (q - x))
+    size = float(np.abs(area).sum())
+    if not size > 0 or not surface.sum() > 0:
+        return None
+    target = np.maximum(surface * (size / surface.sum()), 1e-9 * size)
+    before = float(_relative_areas(x, p, q, target).min())
+    # scaled unknowns d = (position - x) / extent and t: area(x) - d x (q - p) extent >= t target
+    extent = float(np.abs(p - x).max())
+    side = (q - p) * extent
+    rows = np.column_stack([side.imag, -side.real, target])
+    scale = np.abs(rows).max(axis=1)
+    solved = linprog(
+        [0.0, 0.0, -1.0],
+        A_ub=rows / scale[:, None],
+        b_ub=area / scale,
+        bounds=[(-2.0, 2.0), (-2.0, 2.0), (None, 1.0)],
+        method="highs",
+    )
+    if not solved.success:
+        return None
+    goal = x + extent * complex(solved.x[0], solved.x[1])
+    best = float(_relative_areas(goal, p, q, target).min())
+    wanted = min(0.5 * best, _ENOUGH) if best > 0 else before + 0.5 * (best - before)
+    if not best > before:
+        return None
+    for step in _STEPS:
+        place = x + step * (goal - x)
+        if _relative_areas(place, p, q, target).min() >= wanted:
+            return complex(place)
+    return goal
+
+
+def repair_folds(mesh: Mesh, z: ComplexArray) -> tuple[ComplexArray, IntArray, Repair | None]:
+    """Move vertices of folded faces until no face is folded, or no move helps.
+
+    z (V,) positions. Returns new positions, the faces (sorted) whose image changed, and what was done: None where
+    there was no fold. More than a few thousand folds are left as they are: then the map is wrong, not a little untidy.
+    """
+    folded = folded_faces(mesh.faces, z)
+    before = len(folded)
+    if before == 0:
+        return z, folded, None
+    moved: set[int] = set()
+    if before <= _MOST_FOLDS:
+        z = z.copy()
+        surface = face_areas(mesh.vertices, mesh.faces)
+        for _ in range(_ROUNDS):
+            vertices = np.unique(mesh.faces[folded])
+            near = np.flatnonzero(np.isin(mesh.faces, vertices).any(axis=1))
+            changed = False
+            for vertex in vertices.tolist():
+                around, p, q = _star(mesh.faces, near, vertex)
+                place = _better_place(complex(z[vertex]), z[p], z[q], surface[around])
+                still = np.imag(np.conj(z[p] - z[vertex]) * (z[q] - z[vertex])) <= 0
+                if place is not None and still.any():
+                    z[vertex] = place
+                    moved.add(vertex)
+                    changed = True
+            folded = folded_faces(mesh.faces, z)
+            if len(folded) == 0 or not changed:
+                break
+    touched = np.flatnonzero(np.isin(mesh.faces, np.array(sorted(moved), np.int64)).any(axis=1))
+    return z, touched, Repair("local untangling", before, len(folded), len(moved))
