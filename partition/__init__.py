@@ -28,9 +28,7 @@ __all__ = [
 _BALANCE = 1.15
 
 
-def partition_faces(
-    vertices: FloatArray, faces: IntArray, twins: IntArray, part_count: int, seed: int = 0
-) -> IntArray:
+def partition_faces(vertices: FloatArray, faces: IntArray, twins: IntArray, part_count: int, seed: int = 0) -> IntArray:
     """Split a connected, oriented, manifold mesh into ``part_count`` disks of about equal size with short seams.
 
     vertices (V, 3), faces (F, 3), twins (3F,) the half-edge pairing. Returns labels (F,). The same input and seed

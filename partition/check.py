@@ -53,9 +53,7 @@ class PartReport:
 
 
 @numba.njit(cache=True)
-def _vertex_runs(
-    faces: IntArray, twins: IntArray, labels: IntArray, starts: IntArray
-) -> tuple[IntArray, IntArray, IntArray]:
+def _vertex_runs(faces: IntArray, twins: IntArray, labels: IntArray, starts: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """(vertex, label) once for each run of a label around a vertex with two labels or more."""
     vertices = []
     run_labels = []
@@ -99,7 +97,7 @@ def check_partition(faces: IntArray, twins: IntArray, labels: IntArray, part_cou
     vertices, run_labels, inner = _vertex_runs(faces, twins, labels, starts)
     face_count = np.bincount(labels, minlength=part_count)
     pair = vertices * part_count + run_labels
-    unique, first, counts = np.unique(pair, return_index=True, return_counts=True)
+    unique, counts = np.unique(pair, return_counts=True)
     vertex_count = np.bincount(unique % part_count, minlength=part_count)
     vertex_count[: len(inner)] += inner
     # edges of a part: 3F half-edges, those with the twin in the same part counted once
@@ -137,8 +135,6 @@ class Contacts:
         return (self.edge_count > 0) & (self.vertex_count == self.edge_count + 1)
 
 
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class SeamTable:
     """Seam edges (labels (E, 2), lengths) and (vertex, label) incidences, enough to follow merges of parts."""
@@ -168,7 +164,7 @@ class SeamTable:
             pairs=np.column_stack([unique // size, unique % size]),
             edge_count=np.bincount(edge_index, minlength=n),
             vertex_count=np.bincount(np.searchsorted(unique, vertex_keys), minlength=n),
-            length=np.bincount(edge_index, self.lengths[apart], minlength=n),
+            length=np.bincount(edge_index, self.lengths[apart], minlength=n).astype(np.float64),
         )
 
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from partition.check import check_partition, seam_table
-from partition.dual_graph import FloatArray, IntArray, dual_graph, edge_lengths, label_components, vertex_starts
+from partition.dual_graph import BoolArray, FloatArray, IntArray, dual_graph, edge_lengths, label_components, vertex_starts
 from partition.errors import PartitionError
+from partition.kway import bisection_labels
 
 _ROUNDS = 50
 
@@ -77,82 +81,91 @@ def _undo_pinches(
     return labels
 
 
+def _loops_of(tails: IntArray, heads: IntArray) -> list[list[int]]:
+    """Closed loops of directed edges, at most one leaving any vertex."""
+    follower = dict(zip(tails.tolist(), heads.tolist(), strict=True))
+    loops = []
+    for start in sorted(follower):
+        loop, vertex = [], start
+        while vertex in follower:
+            loop.append(vertex)
+            vertex = follower.pop(vertex)
+        if loop:
+            loops.append(loop)
+    return loops
+
+
+def _split_closed(dual: csr_array) -> BoolArray:
+    """Faces of a closed surface nearer to one far face than to the one farthest from it."""
+    first = int(np.argmax(dijkstra(dual, directed=False, indices=0)))
+    from_first = dijkstra(dual, directed=False, indices=first)
+    from_other = dijkstra(dual, directed=False, indices=int(np.argmax(from_first)))
+    nearer: BoolArray = from_other < from_first
+    return nearer
+
+
+def _shortest_cut(tails: IntArray, heads: IntArray, steps: FloatArray, loops: list[list[int]]) -> set[tuple[int, int]]:
+    """Directed edges of the shortest path from the longest loop to the nearest other one."""
+    ids, dense = np.unique(np.concatenate([tails, heads]), return_inverse=True)
+    t, h = dense[: len(tails)], dense[len(tails) :]
+    graph = coo_array((steps, (t, h)), shape=(len(ids), len(ids))).tocsr()
+    main = max(loops, key=len)
+    distance, previous, _ = dijkstra(
+        graph.maximum(graph.T),
+        directed=False,
+        indices=np.searchsorted(ids, np.array(main)),
+        min_only=True,
+        return_predecessors=True,
+    )
+    goals = np.searchsorted(ids, np.array([v for loop in loops if loop is not main for v in loop]))
+    place = int(goals[np.argmin(distance[goals])])
+    path = [int(ids[place])]
+    while previous[place] >= 0:
+        place = int(previous[place])
+        path.append(int(ids[place]))
+    return set(pairwise(path))
+
+
 def _rings_to_halves(
     vertices: FloatArray, faces: IntArray, twins: IntArray, lengths: FloatArray, labels: IntArray, part: int
 ) -> IntArray:
     """Cut a part with holes along a shortest path between two of its loops, and along the points halfway round.
 
     Faces nearer (across faces of the part, not through the path) to the left side of the path form one half.
-    A part without boundary (a closed surface) is split in two by distance from a face and from the face farthest off.
+    A part without boundary (a closed surface) is split in two by distance from two far faces.
     """
     members = np.flatnonzero(labels == part)
-    local = np.full(len(labels), -1, np.int64)
-    local[members] = np.arange(len(members))
-    half = (3 * members[:, None] + np.arange(3)).reshape(-1)
-    across = twins[half]
-    inside = (across >= 0) & (local[np.maximum(across, 0) // 3] >= 0)
-    flat = faces.reshape(-1)
-    tail = flat[half]
-    head = faces[members][:, [1, 2, 0]].reshape(-1)
-    from scipy.sparse import coo_array
-
     n = len(members)
-    new_label = int(labels.max()) + 1
-    labels = labels.copy()
-    rim = ~inside
-    loop_of = {}
-    follower = dict(zip(tail[rim].tolist(), head[rim].tolist(), strict=True))
-    loops: list[list[int]] = []
-    for vertex in sorted(follower):
-        if vertex in loop_of:
-            continue
-        loop = []
-        while vertex not in loop_of:
-            loop_of[vertex] = len(loops)
-            loop.append(vertex)
-            vertex = follower[vertex]
-        loops.append(loop)
+    local = np.full(len(labels), -1, np.int64)
+    local[members] = np.arange(n)
+    half = (3 * members[:, None] + np.arange(3)).reshape(-1)
     rows = np.repeat(np.arange(n), 3)
+    across = np.where(twins[half] >= 0, local[np.maximum(twins[half], 0) // 3], -1)
+    tails, heads = faces[members].reshape(-1), faces[members][:, [1, 2, 0]].reshape(-1)
+    labels = labels.copy()
+    new_label = int(labels.max()) + 1
+    rim = across < 0
+    loops = _loops_of(tails[rim], heads[rim])
     if len(loops) == 0:
-        graph = dual_graph(twins, lengths)[members][:, members]
-        first = int(np.argmax(dijkstra(graph, directed=False, indices=0)))
-        from_first = dijkstra(graph, directed=False, indices=first)
-        from_other = dijkstra(graph, directed=False, indices=int(np.argmax(from_first)))
-        labels[members[from_other < from_first]] = new_label
+        labels[members[_split_closed(dual_graph(twins, lengths)[members][:, members])]] = new_label
         return labels
     if len(loops) < 2:
         raise PartitionError(f"part {part} is neither a disk nor a ring: the surface has a handle")
-    ids, dense = np.unique(np.concatenate([tail, head]), return_inverse=True)
-    t, h = dense[: len(tail)], dense[len(tail) :]
-    step = lengths[half]
-    graph = coo_array((step, (t, h)), shape=(len(ids), len(ids))).tocsr()
-    sources = np.searchsorted(ids, np.array(max(loops, key=len)))
-    distance, previous, _ = dijkstra(
-        graph.maximum(graph.T), directed=False, indices=sources, min_only=True, return_predecessors=True
-    )
-    main = loop_of[max(loops, key=len)[0]]
-    goals = np.array([v for v, loop in loop_of.items() if loop != main])
-    goal = int(np.searchsorted(ids, goals[np.argmin(distance[np.searchsorted(ids, goals)])]))
-    path = [goal]
-    while previous[path[-1]] >= 0:
-        path.append(int(previous[path[-1]]))
-    on_path = {(ids[a], ids[b]) for a, b in zip(path[:-1], path[1:], strict=True)}
-    forward = np.array([(a, b) in on_path for a, b in zip(tail.tolist(), head.tolist(), strict=True)])
-    backward = np.array([(b, a) in on_path for a, b in zip(tail.tolist(), head.tolist(), strict=True)])
-    free = inside & ~forward & ~backward
+    cut = _shortest_cut(tails, heads, lengths[half], loops)
+    directed = list(zip(tails.tolist(), heads.tolist(), strict=True))
+    forward = np.array([edge in cut for edge in directed])
+    backward = np.array([(b, a) in cut for a, b in directed])
+    free = ~rim & ~forward & ~backward
     centre = vertices[faces[members]].mean(axis=1)
-    there = local[across[free] // 3]
-    gap = np.linalg.norm(centre[rows[free]] - centre[there], axis=1)
-    walk = coo_array((gap + 1e-12 * gap.max(), (rows[free], there)), shape=(n, n)).tocsr()
+    gap = np.linalg.norm(centre[rows[free]] - centre[across[free]], axis=1)
+    walk = coo_array((gap + 1e-12 * gap.max(), (rows[free], across[free])), shape=(n, n)).tocsr()
     left = dijkstra(walk, directed=False, indices=np.unique(rows[forward]), min_only=True)
     right = dijkstra(walk, directed=False, indices=np.unique(rows[backward]), min_only=True)
     labels[members[right < left]] = new_label
     return labels
 
 
-def _merge_to(
-    vertices: FloatArray, faces: IntArray, twins: IntArray, labels: IntArray, part_count: int
-) -> IntArray:
+def _merge_to(vertices: FloatArray, faces: IntArray, twins: IntArray, labels: IntArray, part_count: int) -> IntArray:
     """Merge the pair of disks with the smallest union, among those whose union is a disk, until the count is met."""
     table = seam_table(vertices, faces, twins, labels)
     count = int(labels.max()) + 1
@@ -171,9 +184,20 @@ def _merge_to(
     return _drop_empty(relabel[labels])
 
 
-def make_disks(
-    vertices: FloatArray, faces: IntArray, twins: IntArray, labels: IntArray, part_count: int
-) -> IntArray:
+def _split_largest(twins: IntArray, lengths: FloatArray, labels: IntArray) -> IntArray:
+    """Bisect the part with the most faces."""
+    sizes = np.bincount(labels)
+    part = int(np.argmax(sizes))
+    if sizes[part] < 2:
+        raise PartitionError(f"the mesh has only {len(labels)} faces, too few for more than {len(sizes)} patches")
+    members = np.flatnonzero(labels == part)
+    labels = labels.copy()
+    halves = bisection_labels(dual_graph(twins, lengths)[members][:, members], 2)
+    labels[members[halves == 1]] = len(sizes)
+    return labels
+
+
+def make_disks(vertices: FloatArray, faces: IntArray, twins: IntArray, labels: IntArray, part_count: int) -> IntArray:
     """Labels near the given ones whose parts are all disks, ``part_count`` of them. Deterministic.
 
     Raises PartitionError where the surface cannot carry that many disks.
@@ -197,18 +221,3 @@ def make_disks(
     else:
         raise PartitionError(f"could not make {part_count} disks in {_ROUNDS} rounds of repair")
     return _merge_to(vertices, faces, twins, labels, part_count)
-
-
-def _split_largest(twins: IntArray, lengths: FloatArray, labels: IntArray) -> IntArray:
-    """Bisect the part with the most faces."""
-    from partition.kway import bisection_labels
-
-    sizes = np.bincount(labels)
-    part = int(np.argmax(sizes))
-    if sizes[part] < 2:
-        raise PartitionError(f"the mesh has only {len(labels)} faces, too few for more than {len(sizes)} patches")
-    members = np.flatnonzero(labels == part)
-    labels = labels.copy()
-    halves = bisection_labels(dual_graph(twins, lengths)[members][:, members], 2)
-    labels[members[halves == 1]] = len(sizes)
-    return labels

@@ -28,8 +28,7 @@ def metis_labels(dual: csr_array, part_count: int, seed: int) -> IntArray:
     options = pymetis.Options(seed=seed, contig=0, niter=20)
     _, labels = pymetis.part_graph(
         part_count,
-        xadj=dual.indptr,
-        adjncy=dual.indices,
+        pymetis.CSRAdjacency(dual.indptr, dual.indices),
         eweights=weights,
         recursive=False,
         options=options,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from partition.dual_graph import BoolArray, FloatArray, IntArray
+from partition.dual_graph import FloatArray, IntArray
 
 
 @numba.njit(cache=True)
@@ -53,7 +53,7 @@ def can_move(faces: IntArray, twins: IntArray, labels: IntArray, starts: IntArra
         if twin >= 0 and labels[twin // 3] == to:
             shared += 1
             shared_edge = i
-    if outer == 0 or outer == 3 or shared == 0 or shared == 3:
+    if outer in (0, 3) or shared in (0, 3):
         return False
     if outer == 1 and not _is_inside(faces, twins, labels, starts[faces[face, (outer_edge + 2) % 3]], own):
         return False
@@ -119,12 +119,3 @@ def shorten_seams(
         if moved == 0:
             break
     return moves
-
-
-def seam_face_mask(twins: IntArray, labels: IntArray) -> BoolArray:
-    """Faces (F,) that touch a face of another part along an edge."""
-    inner = np.flatnonzero(twins >= 0)
-    apart = inner[labels[inner // 3] != labels[twins[inner] // 3]]
-    mask = np.zeros(len(labels), bool)
-    mask[apart // 3] = True
-    return mask

@@ -1,8 +1,8 @@
 """Parallel global conformal maps of huge triangle meshes by partial welding.
 
-    import pgcp
-    result = pgcp.parameterize("bust.ply", patches=6, workers=2)
-    result.coordinates      # (V, 2), in the order of the file's vertices
+import pgcp
+result = pgcp.parameterize("bust.ply", patches=6, workers=2)
+result.coordinates      # (V, 2), in the order of the file's vertices
 """
 
 from __future__ import annotations

@@ -38,7 +38,9 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--flatten", choices=FLATTENERS, default="dncp", help="how patches are flattened (default dncp)")
     parser.add_argument("--backend", default="auto", help="sparse factorization: auto, pardiso or superlu")
     parser.add_argument("--seed", type=int, default=0, help="seed of the partition (default 0)")
-    parser.add_argument("--factor-cache-mb", type=int, default=2048, metavar="MB", help="factors a worker may keep between passes")
+    parser.add_argument(
+        "--factor-cache-mb", type=int, default=2048, metavar="MB", help="factors a worker may keep between passes"
+    )
     parser.add_argument("--output-dir", type=Path, metavar="DIR", help="where results go (default <stem>_pgcp beside the mesh)")
     parser.add_argument("--check-only", action="store_true", help="say what the mesh is and list its defects, then stop")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from pgcp.types import FloatArray, Mesh
 
@@ -24,19 +25,13 @@ def demo_mesh(rings: int = 129) -> Mesh:
     s, angle = ring / rings, 2.0 * np.pi * t
     # profile of a bust: radius and height along s from the crown to the base
     knots = np.array([0.0, 0.12, 0.25, 0.38, 0.48, 0.56, 0.63, 0.70, 0.78, 0.88, 1.0])
-    radius = np.interp(s, knots, [0.0, 0.52, 0.83, 0.92, 0.84, 0.62, 0.46, 0.50, 0.95, 1.45, 1.60])
-    height = np.interp(s, knots, [2.60, 2.48, 2.12, 1.66, 1.25, 0.98, 0.75, 0.45, 0.22, 0.0, -0.55])
-    for _ in range(3):  # round the corners of the profile
-        width = 0.035
-        radius, height = (
-            sum(w * np.interp(s + d * width, s[np.argsort(s)], v[np.argsort(s)]) for d, w in ((-1, 0.25), (0, 0.5), (1, 0.25)))
-            for v in (radius, height)
-        )
+    radius = PchipInterpolator(knots, [0.0, 0.52, 0.83, 0.92, 0.84, 0.62, 0.46, 0.50, 0.95, 1.45, 1.60])(s)
+    height = PchipInterpolator(knots, [2.60, 2.48, 2.12, 1.66, 1.25, 0.98, 0.75, 0.45, 0.22, 0.0, -0.55])(s)
     body = np.clip((s - 0.66) / 0.2, 0.0, 1.0)
     x = radius * np.cos(angle) * (1.0 + 0.35 * body)
     y = radius * np.sin(angle) * (1.12 - 0.42 * body)
     points = np.column_stack([x, y, height])
-    out = points / np.maximum(np.linalg.norm(points - [0.0, 0.0, 1.4], axis=1, keepdims=True), 1e-9) - [0, 0, 0]
+    out = points / np.linalg.norm(points, axis=1, keepdims=True)
     front = np.array([0.0, -1.0, 0.0])
     side = np.array([1.0, 0.0, 0.0])
     push = np.zeros_like(points)

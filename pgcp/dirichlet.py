@@ -10,7 +10,6 @@ the same ``DirichletFactor``: MKL PARDISO in Schur mode where its wheel exists, 
 
 from __future__ import annotations
 
-import importlib.util
 from typing import Protocol
 
 import numpy as np
@@ -54,11 +53,6 @@ def choose_backend(name: str = "auto") -> str:
     if name not in usable:
         raise InputError(f"the {name} backend is not installed here; install pgcp[mkl] or use --backend superlu")
     return name
-
-
-def has_metis() -> bool:
-    """Whether pymetis can be imported."""
-    return importlib.util.find_spec("pymetis") is not None
 
 
 def eliminate_interior(laplacian: csr_array, boundary: IntArray, backend: str = "superlu") -> DirichletFactor:

@@ -15,7 +15,7 @@ def _interior_order(laplacian: csr_array, interior: IntArray) -> IntArray:
     """Fill-reducing order of the interior: METIS nested dissection, or SuperLU's minimum degree without pymetis."""
     block = laplacian[interior][:, interior]
     try:
-        from pymetis import nested_dissection
+        from pymetis import CSRAdjacency, nested_dissection
     except ImportError:
         options = {"SymmetricMode": True}
         return np.argsort(splu(csc_array(block), "MMD_AT_PLUS_A", 0.0, options=options).perm_c)
@@ -23,14 +23,12 @@ def _interior_order(laplacian: csr_array, interior: IntArray) -> IntArray:
     block.eliminate_zeros()
     if block.nnz == 0:
         return np.arange(len(interior))
-    order, _ = nested_dissection(xadj=block.indptr.astype(np.int32), adjncy=block.indices.astype(np.int32))
+    order, _ = nested_dissection(CSRAdjacency(block.indptr.astype(np.int32), block.indices.astype(np.int32)))
     return np.asarray(order, np.int64)
 
 
 @numba.njit(cache=True)
-def _back_substitute(
-    indptr: IntArray, indices: IntArray, data: FloatArray, first_boundary: int, x: ComplexArray
-) -> None:
+def _back_substitute(indptr: IntArray, indices: IntArray, data: FloatArray, first_boundary: int, x: ComplexArray) -> None:
     """Solve U x = 0 for x[:first_boundary] in place, x[first_boundary:] given; U upper triangular, CSC."""
     for column in range(x.shape[0] - 1, -1, -1):
         start, stop = indptr[column], indptr[column + 1]

@@ -1,16 +1,16 @@
 """Errors that a caller can act on.
 
-    PgcpError
-    |- InputError(ValueError)            exit status 2
-    |  |- BadFileError                   the file cannot be read as a mesh
-    |  |- NotManifoldError               an edge or a vertex is not manifold, or faces disagree in orientation
-    |  |- NotSimplyConnectedError        genus, several boundary loops, several components, closed
-    |  |- DegenerateError                the geometry carries no conformal structure
-    |  `- PartitionInputError            cut edges or a patch count that give no valid patches
-    `- NumericalError(ArithmeticError)   exit status 3
-       |- SolveFailedError               a factorization or a solve failed
-       |- WeldFailedError                two patches could not be welded
-       `- FoldError                      the finished map has folded faces
+PgcpError
+|- InputError(ValueError)            exit status 2
+|  |- BadFileError                   the file cannot be read as a mesh
+|  |- NotManifoldError               an edge or a vertex is not manifold, or faces disagree in orientation
+|  |- NotSimplyConnectedError        genus, several boundary loops, several components, closed
+|  |- DegenerateError                the geometry carries no conformal structure
+|  `- PartitionInputError            cut edges or a patch count that give no valid patches
+`- NumericalError(ArithmeticError)   exit status 3
+   |- SolveFailedError               a factorization or a solve failed
+   |- WeldFailedError                two patches could not be welded
+   `- FoldError                      the finished map has folded faces
 """
 
 from __future__ import annotations

@@ -204,8 +204,8 @@ def natural_boundary(
     """Move all points by the conformal map that gives the outer boundary the surface's lengths, up to one scale.
 
     z (N,) positions; edges (M, 2) with lengths (M,) on the surface join them all; loop (B,) the outer boundary,
-    counter-clockwise and simple; corners: increasing positions in loop at which panels may end, from 0. ``strength`` below 1 goes part
-    of the way: every value gives a conformal map.
+    counter-clockwise and simple; corners: increasing positions in loop at which panels may end, from 0. ``strength``
+    below 1 goes part of the way: every value gives a conformal map.
     """
     s = z[loop]
     after = np.roll(loop, -1)

@@ -11,27 +11,31 @@ from pgcp.types import FloatArray, IntArray
 
 @numba.njit(cache=True)
 def cotangents(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Cotangent of every corner (F, 3), from edge lengths by Kahan's stable area (no cancellation in needles).
+    """Cotangent of every corner (F, 3): dot product of its two edges over twice the face's area.
 
-    Where a face has zero area the cotangents are not finite; callers check for it.
+    The area is that of the two shorter edges, which loses least in a needle. Where a face has zero area the cotangents
+    are infinite; callers check for it.
     """
     out = np.empty((faces.shape[0], 3))
+    edge = np.empty((3, 3))  # edge i is opposite corner i
     length = np.empty(3)
     for f in range(faces.shape[0]):
         for i in range(3):
             p, q = faces[f, (i + 1) % 3], faces[f, (i + 2) % 3]
-            dx = vertices[p, 0] - vertices[q, 0]
-            dy = vertices[p, 1] - vertices[q, 1]
-            dz = vertices[p, 2] - vertices[q, 2]
-            length[i] = np.sqrt(dx * dx + dy * dy + dz * dz)
-        c, b, a = np.sort(length)
-        square = (a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c))
-        four_area = np.sqrt(max(square, 0.0))
+            for d in range(3):
+                edge[i, d] = vertices[q, d] - vertices[p, d]
+            length[i] = edge[i, 0] ** 2 + edge[i, 1] ** 2 + edge[i, 2] ** 2
+        longest = 0
+        for i in range(1, 3):
+            if length[i] > length[longest]:
+                longest = i
+        u, v = edge[(longest + 1) % 3], edge[(longest + 2) % 3]
+        x, y, z = u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
+        double_area = np.sqrt(x * x + y * y + z * z)
         for i in range(3):
-            x, y, z = length[i], length[(i + 1) % 3], length[(i + 2) % 3]
-            # y^2 + z^2 - x^2 with the difference of squares factored
-            big, small = max(y, z), min(y, z)
-            out[f, i] = ((big - x) * (big + x) + small * small) / four_area if four_area > 0 else np.inf
+            a, b = edge[(i + 1) % 3], edge[(i + 2) % 3]
+            dot = -(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+            out[f, i] = dot / double_area if double_area > 0 else np.inf
     return out
 
 

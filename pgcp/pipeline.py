@@ -28,7 +28,7 @@ from pgcp.quality import measure_quality
 from pgcp.repair import repair_folds
 from pgcp.split import Split, cut_patch, split_mesh
 from pgcp.store import PatchStore
-from pgcp.tasks import Job, SolveReport, flatten_task, solve_task, weld_task
+from pgcp.tasks import Job, SolveReport, flatten_task, relax_task, solve_task, weld_task
 from pgcp.topology import Topology, examine
 from pgcp.types import BoundaryCurve, ComplexArray, Mesh, Parameterization, PatchMap
 from pgcp.weld import Component, start_component
@@ -101,7 +101,10 @@ def _weld_all(
     executor: Executor, mesh: Mesh, split: Split, curves: list[BoundaryCurve]
 ) -> tuple[Component, list[dict[str, int]]]:
     components = {c.patch: start_component(c, mesh.vertices, split.edge_keys) for c in curves}
-    notes = []
+    notes: list[dict[str, int]] = []
+    if split.patch_count == 1:
+        (union,) = executor.map("weld", relax_task, list(components.values()))
+        return union, notes
     for number, level in enumerate(split.plan.levels, 1):
         pairs = [(components.pop(step.left), components.pop(step.right)) for step in level]
         for step, union in zip(level, executor.map(f"weld {number}", weld_task, pairs), strict=True):
@@ -111,16 +114,12 @@ def _weld_all(
     return union, notes
 
 
-def _positions(mesh: Mesh, split: Split, executor: Executor, curves: list[BoundaryCurve]) -> tuple[ComplexArray, Any]:
+def _positions(union: Component, vertex_count: int) -> ComplexArray:
     """Positions (V,) of all seam and boundary vertices."""
-    z = np.zeros(len(mesh.vertices), np.complex128)
-    if split.patch_count == 1:
-        z[curves[0].vertex_ids] = curves[0].z
-        return z, []
-    union, notes = _weld_all(executor, mesh, split, curves)
-    on_mesh = union.nodes < len(z)
+    z = np.zeros(vertex_count, np.complex128)
+    on_mesh = union.nodes < vertex_count
     z[union.nodes[on_mesh]] = union.z[on_mesh]
-    return z, notes
+    return z
 
 
 def _versions() -> dict[str, str]:
@@ -177,7 +176,6 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
             method=options.flatten,
             backend=backend,
             refinement=max(1, min(_MOST_REFINEMENT, _BOUNDARY_POINTS // len(split.edge_keys))),
-            patch_count=split.patch_count,
             factor_cache_bytes=options.factor_cache_bytes,
         )
         patches = []
@@ -189,7 +187,8 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         with clock.stage("flatten"):
             curves = executor.map("flatten", partial(flatten_task, job), range(split.patch_count))
         with clock.stage("weld"):
-            positions, welds = _positions(mesh, split, executor, curves)
+            union, welds = _weld_all(executor, mesh, split, curves)
+            positions = _positions(union, len(mesh.vertices))
         with clock.stage("solve"):
             items = [(p.index, positions[p.vertex_ids[p.boundary]]) for p in patches]
             solved: list[SolveReport] = executor.map("solve", partial(solve_task, job), items)

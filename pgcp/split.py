@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import networkx as nx
 import numba
 import numpy as np
+
 from partition import (
     PartitionError,
     SeamTable,
@@ -16,7 +17,6 @@ from partition import (
     partition_faces,
     seam_table,
 )
-
 from pgcp.errors import PartitionInputError
 from pgcp.topology import Topology, boundary_loops, pair_half_edges
 from pgcp.types import IntArray, Mesh, Patch, WeldPlan, WeldStep
@@ -47,8 +47,9 @@ def plan_welds(table: SeamTable, patch_count: int) -> WeldPlan:
     """Plan all welds before any is run: a binary tree over the patch graph.
 
     A pair can be welded where its intersection is one arc. In a disk made of disks such a pair always exists, and the
-    union is a disk again, so choosing greedily never runs into a dead end. Chosen is the pair with the longest common
-    arc relative to the shorter perimeter, so unions stay round. Raises PartitionInputError where no pair is left.
+    union is a disk again, so choosing greedily never runs into a dead end. Chosen is the pair whose union has the
+    shortest seams left around it: unions stay round, and no weld has to run up and down a long thin part. Raises
+    PartitionInputError where no pair is left.
     """
     graph: nx.Graph = nx.Graph()
     graph.add_nodes_from(range(patch_count), level=0)
@@ -58,14 +59,14 @@ def plan_welds(table: SeamTable, patch_count: int) -> WeldPlan:
     steps: list[WeldStep] = []
     for step in range(patch_count - 1):
         contacts = table.contacts(relabel)
-        seam_length = np.bincount(contacts.pairs.reshape(-1), np.repeat(contacts.length, 2), minlength=patch_count)
+        border = np.bincount(contacts.pairs.reshape(-1), np.repeat(contacts.length, 2), minlength=patch_count)
         usable = np.flatnonzero(contacts.is_arc)
         if len(usable) == 0:
             left = sorted({name[label] for label in np.unique(relabel).tolist()})
             raise PartitionInputError(f"no two of the remaining components {left} share exactly one arc")
         pairs = contacts.pairs[usable]
-        ratio = contacts.length[usable] / seam_length[pairs].min(axis=1)
-        best = int(np.lexsort((pairs[:, 1], pairs[:, 0], -ratio))[0])
+        perimeter = border[pairs].sum(axis=1) - 2.0 * contacts.length[usable]
+        best = int(np.lexsort((pairs[:, 1], pairs[:, 0], perimeter))[0])
         p, q = (int(v) for v in pairs[best])
         result = patch_count + step
         new_level = 1 + max(level[p], level[q])

@@ -20,7 +20,7 @@ from pgcp.split import cut_patch, split_mesh
 from pgcp.store import PatchStore
 from pgcp.topology import examine
 from pgcp.types import BoundaryCurve, ComplexArray, Mesh, Patch
-from pgcp.weld import Component, run_welds, start_component, subdivide, weld_pair
+from pgcp.weld import Component, relax_boundary, run_welds, start_component, subdivide, weld_pair
 
 
 class FactorCache:
@@ -64,7 +64,6 @@ class Job:
     method: str
     backend: str
     refinement: int
-    patch_count: int
     factor_cache_bytes: int
 
 
@@ -83,9 +82,7 @@ def factor_patch(patch: Patch, backend: str) -> DirichletFactor:
     return eliminate_interior(cotangent_laplacian(patch.vertices, patch.faces), patch.boundary, backend)
 
 
-def flatten_simply(
-    patch: Patch, factor: DirichletFactor, method: str, backend: str, refinement: int
-) -> BoundaryCurve:
+def flatten_simply(patch: Patch, factor: DirichletFactor, method: str, backend: str, refinement: int) -> BoundaryCurve:
     """Flatten one patch to a boundary curve that does not cross itself, subdivided.
 
     Where the free boundary overlaps itself, two halves of the patch are flattened and welded: the weld of two simple
@@ -116,13 +113,14 @@ def flatten_task(job: Job, index: int) -> BoundaryCurve:
     """First pass: flatten a stored patch, keep its factor here, send its boundary curve."""
     patch = PatchStore(job.directory).read_patch(index)
     factor = factor_patch(patch, job.backend)
-    if job.patch_count == 1:
-        z = flatten_boundary(factor.schur, patch.vertices[patch.boundary], job.method)
-        curve = BoundaryCurve(index, patch.vertex_ids[patch.boundary], z)
-    else:
-        curve = flatten_simply(patch, factor, job.method, job.backend, job.refinement)
+    curve = flatten_simply(patch, factor, job.method, job.backend, job.refinement)
     _FACTORS.put((job.run, index), factor, job.factor_cache_bytes)
     return curve
+
+
+def relax_task(component: Component) -> Component:
+    """Give a single patch its natural boundary."""
+    return relax_boundary(component)
 
 
 def weld_task(pair: tuple[Component, Component]) -> Component:

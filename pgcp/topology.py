@@ -247,9 +247,7 @@ def examine(faces: IntArray, vertex_count: int) -> Topology:
         duplicates = _duplicate_faces(faces)
         if len(duplicates):
             defects.append(_defect("duplicate-face", duplicates, "{n} faces are listed twice: faces {which}"))
-        defects.append(
-            _defect("non-manifold-edge", ends(crowded), "{n} edges have more than two faces: edges {which}")
-        )
+        defects.append(_defect("non-manifold-edge", ends(crowded), "{n} edges have more than two faces: edges {which}"))
     elif len(turned):
         if len(faces) == 0 or _is_orientable(faces, twins):
             sentence = "faces disagree in orientation across {n} edges: edges {which}"

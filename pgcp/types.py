@@ -33,9 +33,7 @@ class Mesh:
         if vertices.ndim != 2 or vertices.shape[1] != 3:
             raise InputError(f"{self.name}: vertices have shape {vertices.shape}, expected (V, 3)")
         if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
-            raise InputError(
-                f"{self.name}: faces have shape {faces.shape} and type {faces.dtype}, expected (F, 3) integers"
-            )
+            raise InputError(f"{self.name}: faces have shape {faces.shape} and type {faces.dtype}, expected (F, 3) integers")
         if len(faces) == 0:
             raise InputError(f"{self.name}: the mesh has no faces")
         low, high = int(faces.min()), int(faces.max())

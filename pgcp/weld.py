@@ -218,9 +218,7 @@ def weld_pair(left: Component, right: Component) -> Component:
     p_b, z_b, stuck_b = open_arc(right.z[arc_right], right.z[sides[1]], -1.0)
     for stuck, side in ((stuck_a, left), (stuck_b, right)):
         if stuck >= 0:
-            raise WeldFailedError(
-                f"a boundary curve of {len(side.loop)} points crosses itself near point {stuck} of its seam"
-            )
+            raise WeldFailedError(f"a boundary curve of {len(side.loop)} points crosses itself near point {stuck} of its seam")
     z_a, p_a, z_b, p_b, wide_a, wide_b = _separate(z_a, p_a, z_b, p_b)
     fan = _gap_fan(z_a, z_b, wide_a, wide_b)
     arc, moved, stuck = close_arcs(p_a, p_b, np.concatenate([z_a, z_b, fan]))
@@ -230,8 +228,7 @@ def weld_pair(left: Component, right: Component) -> Component:
     z = normalise(z, union.edges, union.lengths, moved[len(z_a) + len(z_b) :])
     if not np.isfinite(z).all():
         raise WeldFailedError(f"welding along {k} edges gave positions that are not finite")
-    union = replace(union, z=z)
-    return replace(union, z=_relax_boundary(union))
+    return relax_boundary(replace(union, z=z))
 
 
 def _join(
@@ -265,8 +262,8 @@ def _join(
     return union, (rest_left, rest_right)
 
 
-def _relax_boundary(union: Component) -> ComplexArray:
-    """Give the union its natural boundary, or as much of it as leaves the boundary curve simple.
+def relax_boundary(union: Component) -> Component:
+    """Give a component its natural boundary, or as much of it as leaves the boundary curve simple.
 
     Where the whole way at once would cross itself, part of the way is gone first: from there the curve is resolved
     better, and the rest may succeed.
@@ -284,4 +281,4 @@ def _relax_boundary(union: Component) -> ComplexArray:
             strength *= 0.5
             if strength < _LEAST_STRENGTH:
                 break
-    return z
+    return replace(union, z=z)

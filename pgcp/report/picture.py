@@ -17,17 +17,16 @@ _EDGE_FACES = 20_000
 
 
 def _view(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Rotate to the flattest view, from the side most faces look to, long axis upright; x right, y up, z to the eye."""
+    """Rotate to the flattest view, from the side most faces look to, z (or y) upright; x right, y up, z to the eye."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     normal = np.cross(b - a, c - a).sum(axis=0)
     centred = vertices - vertices[faces.reshape(-1)].mean(axis=0)
     sample = centred[faces[:: max(1, len(faces) // 50_000), 0]]
     _, axes = np.linalg.eigh(sample.T @ sample)
-    towards, up = axes[:, 0], axes[:, 2]
-    if normal @ towards < 0:
-        towards = -towards
-    if up @ np.array([0.0, 0.5, 1.0]) < 0:
-        up = -up
+    towards = axes[:, 0] if normal @ axes[:, 0] >= 0 else -axes[:, 0]
+    up = np.array([0.0, 0.0, 1.0]) if abs(towards[2]) < 0.7 else np.array([0.0, 1.0, 0.0])
+    up = up - towards * (towards @ up)
+    up = up / np.linalg.norm(up)
     return centred @ np.array([np.cross(up, towards), up, towards]).T
 
 
@@ -75,9 +74,7 @@ def _checker(values: FloatArray) -> FloatArray:
 def _brightness(points: FloatArray, faces: IntArray) -> FloatArray:
     a, b, c = (points[faces[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
-    smooth = np.column_stack(
-        [np.bincount(faces.reshape(-1), np.repeat(normals[:, k], 3), len(points)) for k in range(3)]
-    )
+    smooth = np.column_stack([np.bincount(faces.reshape(-1), np.repeat(normals[:, k], 3), len(points)) for k in range(3)])
     length = np.linalg.norm(smooth, axis=1)
     length[length == 0] = 1.0
     light = np.array([0.3, 0.4, 0.87])
