@@ -18,6 +18,8 @@ from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh
 
 _ROUNDS = 40
 _MOST_FOLDS = 2000
+_MOST_FRACTION = 0.005
+_ALWAYS = 10
 _ENOUGH = 0.1
 _STEPS = np.linspace(0.05, 1.0, 20)
 
@@ -82,14 +84,15 @@ def repair_folds(mesh: Mesh, z: ComplexArray) -> tuple[ComplexArray, IntArray, R
     """Move vertices of folded faces until no face is folded, or no move helps.
 
     z (V,) positions. Returns new positions, the faces (sorted) whose image changed, and what was done: None where
-    there was no fold. More than a few thousand folds are left as they are: then the map is wrong, not a little untidy.
+    there was no fold. Many folds (over half a percent of the faces) are left as they are: then the map is wrong, and moving
+    vertices would only hide it.
     """
     folded = folded_faces(mesh.faces, z)
     before = len(folded)
     if before == 0:
         return z, folded, None
     moved: set[int] = set()
-    if before <= _MOST_FOLDS:
+    if before <= min(_MOST_FOLDS, max(_ALWAYS, _MOST_FRACTION * len(mesh.faces))):
         z = z.copy()
         surface = face_areas(mesh.vertices, mesh.faces)
         for _ in range(_ROUNDS):

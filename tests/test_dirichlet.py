@@ -10,6 +10,8 @@ from pgcp.operators import cotangent_laplacian, cotangents, face_areas
 from pgcp.topology import examine
 from pgcp.types import Mesh
 
+MESHES = {"hills": lifted(grid(15, 11, jitter=0.3)), "cap": cap(9)[0], "one inner": grid(2), "no inner": grid(1)}
+
 
 def loop_of(mesh: Mesh):
     return examine(mesh.faces, len(mesh.vertices)).loops[0]

@@ -151,10 +151,8 @@ def test_contacts_tell_arcs_from_other_meetings():
     centre = mesh.vertices[mesh.faces].mean(axis=1)
     labels = (centre[:, 0] * 2).astype(int) * 2 + (centre[:, 1] * 2).astype(int)
     contacts = seam_table(mesh.vertices, mesh.faces, twins, labels).contacts(np.arange(4))
-    meets = {
-        tuple(pair): (int(e), int(v))
-        for pair, e, v in zip(contacts.pairs.tolist(), contacts.edge_count, contacts.vertex_count, strict=True)
-    }
+    counts = np.column_stack([contacts.edge_count, contacts.vertex_count])
+    meets = dict(zip(map(tuple, contacts.pairs.tolist()), map(tuple, counts.tolist()), strict=True))
     assert meets[(0, 1)] == (3, 4)
     assert meets[(0, 3)] == (0, 1)
     assert dict(zip(map(tuple, contacts.pairs.tolist()), contacts.is_arc.tolist(), strict=True))[(0, 3)] is False

@@ -1,0 +1,336 @@
+from __future__ import annotations
+
+import os
+import pickle
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from meshes import cap, grid, lifted, similarity_error, tetrahedron
+
+import pgcp
+from pgcp import errors
+from pgcp.executors import DaskExecutor, SerialExecutor
+from pgcp.tasks import FactorCache
+from pgcp.types import Mesh
+
+
+@pytest.mark.parametrize("patches", [1, 2, 5, 9])
+def test_a_planar_mesh_comes_back_up_to_a_similarity(patches):
+    mesh = grid(20, 13, jitter=0.4)
+    result = pgcp.parameterize(mesh, patches=patches)
+    z = result.coordinates @ [1, 1j]
+    assert similarity_error(z, mesh.vertices @ [1, 1j, 0]) < 1e-7
+    assert result.quality.angle_max_deg < 1e-4
+    assert result.report["quality"]["folds"] == 0
+
+
+@pytest.mark.parametrize("patches", [1, 3, 7])
+def test_a_cap_is_mapped_to_its_stereographic_projection(patches):
+    errors_ = []
+    for n in (10, 20, 40):
+        mesh, exact = cap(n)
+        result = pgcp.parameterize(mesh, patches=patches)
+        errors_.append(similarity_error(result.coordinates @ [1, 1j], exact))
+    assert errors_[-1] < 5e-3
+    assert np.log2(np.array(errors_[:-1]) / errors_[1:]).mean() > 0.8
+
+
+def test_patches_change_the_map_little(hills):
+    whole = pgcp.parameterize(hills, patches=1)
+    for patches in (2, 4, 8):
+        result = pgcp.parameterize(hills, patches=patches)
+        assert result.quality.angle_mean_deg < 1.02 * whole.quality.angle_mean_deg
+        assert similarity_error(result.coordinates @ [1, 1j], whole.coordinates @ [1, 1j]) < 0.01
+
+
+def test_total_area_is_kept_and_the_map_is_not_mirrored(hills):
+    result = pgcp.parameterize(hills, patches=4)
+    a, b, c = (result.coordinates[hills.faces[:, i]] for i in range(3))
+    areas = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    surface = 0.5 * np.linalg.norm(
+        np.cross(
+            hills.vertices[hills.faces[:, 1]] - hills.vertices[hills.faces[:, 0]],
+            hills.vertices[hills.faces[:, 2]] - hills.vertices[hills.faces[:, 0]],
+        ),
+        axis=1,
+    )
+    assert (areas > 0).all()
+    assert areas.sum() == pytest.approx(surface.sum(), rel=1e-12)
+
+
+@pytest.mark.parametrize("flatten", ["dncp", "scp"])
+@pytest.mark.parametrize("backend", ["auto", "superlu"])
+def test_every_route_gives_the_same_map(flatten, backend, hills):
+    reference = pgcp.parameterize(hills, patches=5)
+    result = pgcp.parameterize(hills, patches=5, flatten=flatten, backend=backend)
+    limit = 1e-8 if flatten == "dncp" else 0.01
+    assert similarity_error(result.coordinates @ [1, 1j], reference.coordinates @ [1, 1j]) < limit
+
+
+def test_rotation_and_scale_of_the_surface_do_not_matter(hills):
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    moved = Mesh(1e-3 * hills.vertices @ turn.T + [5, -2, 1], hills.faces)
+    one, two = pgcp.parameterize(hills, patches=4), pgcp.parameterize(moved, patches=4)
+    assert np.array_equal(one.patch, two.patch)
+    assert similarity_error(one.coordinates @ [1, 1j], two.coordinates @ [1, 1j]) < 1e-6
+
+
+def test_sources_may_be_paths_and_trimeshes(hills, tmp_path):
+    path = tmp_path / "hills.ply"
+    pgcp.write_mesh(path, hills)
+    loose = trimesh.Trimesh(hills.vertices, hills.faces, process=False)
+    results = [pgcp.parameterize(source, patches=3).coordinates for source in (hills, path, str(path), loose)]
+    assert all(np.array_equal(results[0], other) for other in results[1:])
+    with pytest.raises(errors.InputError, match="expected a mesh"):
+        pgcp.parameterize(42)
+
+
+# executors
+
+
+@pytest.fixture(scope="module")
+def reference():
+    mesh = lifted(grid(40, 30, jitter=0.2))
+    return mesh, pgcp.parameterize(mesh, patches=6)
+
+
+def test_two_serial_runs_give_the_same_bits(reference):
+    mesh, first = reference
+    again = pgcp.parameterize(mesh, patches=6)
+    assert again.coordinates.tobytes() == first.coordinates.tobytes()
+    assert again.mu.tobytes() == first.mu.tobytes()
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_local_workers_give_the_bits_of_the_serial_run(workers, reference):
+    mesh, first = reference
+    seen = []
+    result = pgcp.parameterize(mesh, patches=6, workers=workers, progress=lambda *args: seen.append(args))
+    assert result.coordinates.tobytes() == first.coordinates.tobytes()
+    assert result.mu.tobytes() == first.mu.tobytes()
+    assert result.report["executor"]["workers"] == workers
+    assert ("flatten", 6, 6) in seen
+    assert ("solve", 6, 6) in seen
+    assert ("flatten", 0, 6) in seen
+
+
+def test_factors_are_reused_where_kept_and_remade_where_not(reference):
+    mesh, first = reference
+    assert all(p["reused_factor"] for p in first.report["patches"])
+    result = pgcp.parameterize(mesh, patches=6, factor_cache_bytes=0)
+    assert not any(p["reused_factor"] for p in result.report["patches"])
+    assert result.coordinates.tobytes() == first.coordinates.tobytes()
+
+
+def free_port():
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    """A scheduler and two workers, started as a user would start them."""
+    folder = tmp_path_factory.mktemp("cluster")
+    dask = str(Path(sys.executable).with_name("dask"))
+    info = folder / "scheduler.json"
+    common = {
+        "stdout": subprocess.DEVNULL,
+        "stderr": subprocess.DEVNULL,
+        "cwd": folder,
+        "env": {**os.environ, "PYTHONWARNINGS": ""},
+    }
+    port = free_port()
+    commands = [
+        [dask, "scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard", "--scheduler-file", str(info)]
+    ]
+    worker = [dask, "worker", f"tcp://127.0.0.1:{port}", "--nthreads", "1", "--no-dashboard", "--local-directory", str(folder)]
+    commands += [worker, worker]
+    processes = [subprocess.Popen(command, **common) for command in commands]
+    deadline = time.monotonic() + 60
+    while not info.exists() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    from distributed import Client
+
+    with Client(f"tcp://127.0.0.1:{port}", timeout="60s") as client:
+        client.wait_for_workers(2, timeout=60)
+    yield f"tcp://127.0.0.1:{port}", info
+    for process in processes[::-1]:
+        process.terminate()
+    for process in processes:
+        process.wait(30)
+
+
+def test_a_running_cluster_is_used_by_address_and_by_file(cluster, reference, tmp_path):
+    mesh, first = reference
+    address, info = cluster
+    for where in ({"scheduler": address}, {"scheduler_file": info}):
+        result = pgcp.parameterize(mesh, patches=6, store=tmp_path, **where)
+        assert result.coordinates.tobytes() == first.coordinates.tobytes()
+        assert result.report["executor"] == {"kind": "dask cluster", "workers": 2, "threads_per_worker": 1}
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_little_passes_through_the_scheduler(cluster, reference):
+    """Arguments and results of all tasks, pickled: far below the arrays of the mesh."""
+    mesh, _ = reference
+    address, _ = cluster
+    sizes = []
+
+    class Watched(DaskExecutor):
+        def map(self, stage, function, items):
+            results = super().map(stage, function, items)
+            sizes.append((stage, len(pickle.dumps((function, list(items)))), len(pickle.dumps(results))))
+            return results
+
+    from pgcp import pipeline
+
+    original = pipeline.DaskExecutor
+    pipeline.DaskExecutor = Watched
+    try:
+        pgcp.parameterize(mesh, patches=6, scheduler=address)
+    finally:
+        pipeline.DaskExecutor = original
+    assert max(out for stage, _, out in sizes if stage in ("flatten", "solve")) < 0.5 * mesh.vertices.nbytes * 6
+    assert max(max(row[1:]) for row in sizes) < 10_000_000
+
+
+def test_errors_cross_processes(cluster):
+    address, _ = cluster
+    with DaskExecutor("test", scheduler=address) as executor, pytest.raises(errors.WeldFailedError, match="no such weld"):
+        executor.map("fail", _fail, [1, 2])
+
+
+def _fail(_item):
+    raise errors.WeldFailedError("no such weld")
+
+
+def test_no_scheduler_at_the_address_is_said():
+    with pytest.raises(errors.InputError, match="no dask scheduler answers"):
+        DaskExecutor("x", scheduler=f"tcp://127.0.0.1:{free_port()}")
+
+
+def test_serial_progress_and_description():
+    seen = []
+    with SerialExecutor(lambda *args: seen.append(args)) as executor:
+        assert executor.map("square", lambda x: x * x, [1, 2, 3]) == [1, 4, 9]
+        assert executor.describe()["kind"] == "serial"
+        assert executor.peak_bytes() > 1_000_000
+    assert seen == [("square", 0, 3), ("square", 1, 3), ("square", 2, 3), ("square", 3, 3)]
+
+
+class Held:
+    def __init__(self, nbytes):
+        self.nbytes, self.released = nbytes, False
+
+    def release(self):
+        self.released = True
+
+
+def test_the_factor_cache_is_bounded_and_drops_the_oldest():
+    cache = FactorCache()
+    a, b, c, huge = Held(40), Held(40), Held(40), Held(1000)
+    for key, factor in zip("abc", (a, b, c), strict=True):
+        cache.put(key, factor, 100)
+    assert a.released
+    assert not b.released
+    assert cache.nbytes == 80
+    cache.put("huge", huge, 100)
+    assert huge.released
+    assert cache.take("a") is None
+    assert cache.take("b") is b
+    assert cache.take("b") is None
+
+
+# refusals
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"patches": 0}, "patches is 0"),
+        ({"workers": -1}, "workers is -1"),
+        ({"seed": -3}, "seed is -3"),
+        ({"flatten": "magic"}, "unknown flattening 'magic'"),
+        ({"target": "moon"}, "unknown target 'moon'"),
+        ({"backend": "magic"}, "unknown sparse backend"),
+        ({"patches": 10_000}, "10000 patches were asked for"),
+        ({"scheduler": "a", "scheduler_file": Path("b")}, "not both"),
+        ({"factor_cache_bytes": -1}, "factor_cache_bytes"),
+    ],
+)
+def test_impossible_options_are_refused(options, words, hills):
+    with pytest.raises(errors.InputError, match=words):
+        pgcp.parameterize(hills, **options)
+
+
+def test_closed_and_flat_meshes_are_refused():
+    with pytest.raises(errors.NotSimplyConnectedError, match="closed surface of genus 0"):
+        pgcp.parameterize(tetrahedron())
+    line = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), np.array([[0, 1, 2]]))
+    with pytest.raises(errors.DegenerateError, match="zero area"):
+        pgcp.parameterize(line, patches=1)
+    points = grid(4).vertices.copy()
+    points[12] = points[13]
+    with pytest.raises(errors.DegenerateError, match="2 faces have zero area: faces"):
+        pgcp.parameterize(Mesh(points, grid(4).faces))
+
+
+@pytest.mark.parametrize("patches", [1, 2])
+def test_the_smallest_meshes(patches):
+    result = pgcp.parameterize(grid(1), patches=patches)
+    assert similarity_error(result.coordinates @ [1, 1j], grid(1).vertices @ [1, 1j, 0]) < 1e-9
+    one = Mesh(np.array([[0.0, 0, 0], [4, 0, 0], [0, 3, 1]]), np.array([[0, 1, 2]]))
+    assert pgcp.parameterize(one, patches=1).quality.angle_max_deg < 1e-6
+
+
+def test_unused_vertices_stay_in_the_order():
+    mesh = grid(5)
+    padded = Mesh(np.vstack([[9, 9, 9], mesh.vertices, [7, 7, 7]]), mesh.faces + 1)
+    result = pgcp.parameterize(padded, patches=3)
+    assert result.coordinates.shape == (38, 2)
+    assert np.array_equal(result.coordinates[[0, -1]], np.zeros((2, 2)))
+    assert np.allclose(result.coordinates[1:-1], pgcp.parameterize(mesh, patches=3).coordinates, atol=1e-9)
+
+
+def test_a_map_with_folds_is_not_passed_off_as_good(hills, monkeypatch):
+    from pgcp import pipeline
+
+    monkeypatch.setattr(
+        pipeline, "collect", lambda mesh, parts: ((mesh.vertices @ [1, -1j, 0]), np.zeros(len(mesh.faces), complex))
+    )
+    with pytest.raises(errors.FoldError, match="folded faces of 1152") as caught:
+        pgcp.parameterize(hills, patches=2)
+    assert caught.value.result.quality.folds == len(hills.faces)
+    assert caught.value.result.report["status"] == "folded"
+
+
+@pytest.mark.parametrize("kind", [c for c in vars(errors).values() if isinstance(c, type) and issubclass(c, errors.PgcpError)])
+def test_errors_survive_pickling(kind):
+    problem = kind("patch 3: 7 of 5")
+    again = pickle.loads(pickle.dumps(problem))
+    assert type(again) is kind
+    assert str(again) == "patch 3: 7 of 5"
+
+
+def test_the_report_holds_what_it_promises(reference):
+    _, result = reference
+    report = result.report
+    assert [s["name"] for s in report["stages"]] == [
+        "read", "check", "split", "store", "flatten", "weld", "solve", "assemble", "repair", "measure",
+    ]  # fmt: skip
+    assert all(s["seconds"] >= 0 and s["peak_bytes"] > 0 for s in report["stages"])
+    assert sum(p["faces"] for p in report["patches"]) == len(result.mesh.faces)
+    assert {"numpy", "scipy", "numba", "python"} <= set(report["versions"])
+    assert report["options"]["patches"] == 6
+    assert report["seed"] == 0
+    assert report["backend"] in ("pardiso", "superlu")
+    assert report["threads"] == 1
+    assert len(report["welds"]) == 5

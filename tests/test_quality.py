@@ -1,0 +1,138 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from meshes import cap, grid
+
+from pgcp.beltrami import beltrami_coefficients, folded_faces
+from pgcp.quality import angle_errors, corner_angles, log_area_ratios, measure_quality
+from pgcp.repair import repair_folds
+from pgcp.types import Mesh
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(0, 0.95), st.floats(0, 6.28), st.floats(0.1, 50))
+def test_the_beltrami_coefficient_of_z_plus_k_conj_z_is_k(size, turn, scale):
+    mesh = grid(4, jitter=0.4)
+    k = size * np.exp(1j * turn)
+    w = mesh.vertices[:, 0] + 1j * mesh.vertices[:, 1]
+    mu = beltrami_coefficients(mesh.vertices, mesh.faces, scale * (w + k * np.conj(w)))
+    # each face's chart has its first edge along the real axis
+    edge = w[mesh.faces[:, 1]] - w[mesh.faces[:, 0]]
+    expected = k * np.conj(edge) / edge
+    assert np.abs(mu - expected).max() < 1e-12
+
+
+def test_a_conformal_image_has_small_mu_and_a_mirrored_one_more_than_one():
+    mesh, exact = cap(20)
+    assert np.abs(beltrami_coefficients(mesh.vertices, mesh.faces, exact)).max() < 0.05
+    mirrored = beltrami_coefficients(mesh.vertices, mesh.faces, exact.conj())
+    assert np.isfinite(mirrored).all()
+    assert (np.abs(mirrored) > 1).all()
+    assert len(folded_faces(mesh.faces, exact)) == 0
+    assert len(folded_faces(mesh.faces, exact.conj())) == len(mesh.faces)
+
+
+def test_folds_are_decided_exactly():
+    """Three collinear points whose rounded area may have either sign."""
+    faces = np.array([[0, 1, 2]])
+    for t in range(1, 60):
+        x, y = 0.1 * t, 0.3 * t
+        z = np.array([0.1 + 0.3j, complex(0.1 + x, 0.3 + y), complex(0.1 + 2 * x, 0.3 + 2 * y)])
+        from fractions import Fraction as Q
+
+        a, b, c = ((Q(w.real), Q(w.imag)) for w in z.tolist())
+        exact = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        assert (len(folded_faces(faces, z)) == 0) == (exact > 0)
+
+
+def test_angles_of_a_known_triangle():
+    points = np.array([[0.0, 0, 0], [3, 0, 0], [0, 4, 0]])
+    assert np.degrees(corner_angles(points, np.array([[0, 1, 2]])))[0] == pytest.approx([90, 53.13010235, 36.86989765])
+
+
+def test_quality_of_an_exact_map_and_of_a_stretched_one():
+    mesh = grid(6, jitter=0.3)
+    exact = measure_quality(mesh, 3 * mesh.vertices[:, :2], np.zeros(len(mesh.faces), complex))
+    assert exact.angle_max_deg < 1e-9
+    assert exact.log_area_mean < 1e-12
+    assert exact.folds == 0
+    square = grid(6)
+    stretched = square.vertices[:, :2] * [np.sqrt(3), 1.0]
+    errors = angle_errors(square, stretched)
+    # right isosceles triangles: 45 degrees become 30 or 60, 90 stays
+    assert np.allclose(np.sort(errors, axis=1), [0, 15, 15], atol=1e-9)
+    assert np.abs(log_area_ratios(square, stretched)).max() < 1e-12
+
+
+def test_area_ratios_follow_the_definition():
+    mesh = grid(1)
+    flat = np.array([[0.0, 0], [1, 0], [0, 1], [3, 3]])
+    order = mesh.faces
+    area = lambda p, f: 0.5 * abs(np.cross(p[f[1]] - p[f[0]], p[f[2]] - p[f[0]]))  # noqa: E731
+    with np.errstate(all="ignore"):
+        import warnings
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            image = np.array([area(flat, f) for f in order])
+    expected = np.log(image / image.sum()) - np.log(0.5)
+    assert log_area_ratios(mesh, flat) == pytest.approx(expected)
+
+
+def folded_map(seed=0, count=3):
+    mesh = grid(16, jitter=0.3)
+    z = mesh.vertices[:, 0] + 1j * mesh.vertices[:, 1]
+    inner = np.flatnonzero((np.abs(z.real - 0.5) < 0.4) & (np.abs(z.imag - 0.5) < 0.4))
+    chosen = np.random.default_rng(seed).choice(inner, count, replace=False)
+    bad = z.copy()
+    bad[chosen] += 0.09 * np.exp(1j * np.arange(count))
+    return mesh, z, bad
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_local_folds_are_untangled_and_the_rest_keeps(seed):
+    mesh, _, bad = folded_map(seed)
+    before = folded_faces(mesh.faces, bad)
+    assert len(before) > 0
+    mended, touched, repair = repair_folds(mesh, bad)
+    assert len(folded_faces(mesh.faces, mended)) == 0
+    assert (repair.folds_before, repair.folds_after) == (len(before), 0)
+    changed = np.flatnonzero(mended != bad)
+    assert repair.moved_vertices == len(changed) <= len(np.unique(mesh.faces[before]))
+    assert np.array_equal(touched, np.flatnonzero(np.isin(mesh.faces, changed).any(axis=1)))
+
+
+def test_a_good_map_is_not_touched():
+    mesh, z, _ = folded_map()
+    same, touched, repair = repair_folds(mesh, z)
+    assert same is z
+    assert len(touched) == 0
+    assert repair is None
+
+
+def test_what_cannot_be_repaired_is_said():
+    mesh = grid(4)
+    z = (mesh.vertices[:, 0] + 1j * mesh.vertices[:, 1]).conj()
+    _, _, repair = repair_folds(mesh, z)
+    assert repair.folds_after > 0
+
+
+def test_types_refuse_what_is_no_mesh():
+    from pgcp.errors import DegenerateError, InputError
+
+    good = grid(2)
+    with pytest.raises(InputError, match="face 0 uses vertex 99"):
+        Mesh(good.vertices, np.array([[0, 1, 99]]))
+    with pytest.raises(InputError, match="no faces"):
+        Mesh(good.vertices, np.empty((0, 3), int))
+    with pytest.raises(InputError, match="expected \\(F, 3\\) integers"):
+        Mesh(good.vertices, good.faces.astype(float))
+    with pytest.raises(InputError, match="expected \\(V, 3\\)"):
+        Mesh(good.vertices[:, :2], good.faces)
+    broken = good.vertices.copy()
+    broken[4, 1] = np.nan
+    with pytest.raises(DegenerateError, match="vertex 4"):
+        Mesh(broken, good.faces)
