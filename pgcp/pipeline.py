@@ -33,8 +33,6 @@ from pgcp.topology import Topology, examine
 from pgcp.types import BoundaryCurve, ComplexArray, Mesh, Parameterization, PatchMap
 from pgcp.weld import Component, start_component
 
-_BOUNDARY_POINTS = 8000
-_MOST_REFINEMENT = 8
 _PACKAGES = ("pgcp", "numpy", "scipy", "numba", "networkx", "dask", "distributed", "pymetis", "mkl")
 
 
@@ -100,7 +98,7 @@ def _executor(options: Options, run: str, progress: Progress) -> SerialExecutor 
 def _weld_all(
     executor: Executor, mesh: Mesh, split: Split, curves: list[BoundaryCurve]
 ) -> tuple[Component, list[dict[str, int]]]:
-    components = {c.patch: start_component(c, mesh.vertices, split.edge_keys) for c in curves}
+    components = {c.patch: start_component(c, mesh.vertices, split.edges) for c in curves}
     notes: list[dict[str, int]] = []
     if split.patch_count == 1:
         (union,) = executor.map("weld", relax_task, list(components.values()))
@@ -175,7 +173,6 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
             directory=store.directory,
             method=options.flatten,
             backend=backend,
-            refinement=max(1, min(_MOST_REFINEMENT, _BOUNDARY_POINTS // len(split.edge_keys))),
             factor_cache_bytes=options.factor_cache_bytes,
         )
         patches = []
@@ -226,7 +223,7 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
             for p, c, s in zip(patches, curves, solved, strict=True)
         ],
         "welds": welds,
-        "refinement": job.refinement,
+        "boundary_points": int(split.edges.parts.sum()),
         "repairs": [asdict(repair)] if repair is not None else [],
         "quality": asdict(quality),
         "status": "good" if quality.folds == 0 else "folded",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -63,7 +63,6 @@ class Job:
     directory: Path
     method: str
     backend: str
-    refinement: int
     factor_cache_bytes: int
 
 
@@ -82,7 +81,7 @@ def factor_patch(patch: Patch, backend: str) -> DirichletFactor:
     return eliminate_interior(cotangent_laplacian(patch.vertices, patch.faces), patch.boundary, backend)
 
 
-def flatten_simply(patch: Patch, factor: DirichletFactor, method: str, backend: str, refinement: int) -> BoundaryCurve:
+def flatten_simply(patch: Patch, factor: DirichletFactor, method: str, backend: str) -> BoundaryCurve:
     """Flatten one patch to a boundary curve that does not cross itself, subdivided.
 
     Where the free boundary overlaps itself, two halves of the patch are flattened and welded: the weld of two simple
@@ -91,18 +90,21 @@ def flatten_simply(patch: Patch, factor: DirichletFactor, method: str, backend: 
     z = flatten_boundary(factor.schur, patch.vertices[patch.boundary], method)
     ids = patch.vertex_ids[patch.boundary]
     if not crosses_itself(z):
-        return BoundaryCurve(patch.index, ids, subdivide(z, refinement))
+        return BoundaryCurve(patch.index, ids, subdivide(z, patch.parts))
     if len(patch.faces) < 2:
         raise WeldFailedError(f"the free boundary of patch {patch.index} crosses itself in a single face")
     mesh = Mesh(patch.vertices, patch.faces, f"patch {patch.index}")
     split = split_mesh(mesh, examine(mesh.faces, len(mesh.vertices)), 2)
+    parts = split.edges.parts.copy()
+    parts[split.edges.rank(patch.boundary, np.roll(patch.boundary, -1))] = patch.parts
+    split = replace(split, edges=replace(split.edges, parts=parts))
     halves, pieces = {}, 0
     for index in range(2):
         half = cut_patch(mesh, split, index)
         half_factor = factor_patch(half, backend)
-        curve = flatten_simply(half, half_factor, method, backend, refinement)
+        curve = flatten_simply(half, half_factor, method, backend)
         half_factor.release()
-        halves[index] = start_component(curve, mesh.vertices, split.edge_keys)
+        halves[index] = start_component(curve, mesh.vertices, split.edges)
         pieces += curve.pieces
     union = run_welds(halves, split.plan.steps)
     start = int(np.flatnonzero(union.nodes[union.loop] == patch.boundary[0])[0])
@@ -113,7 +115,7 @@ def flatten_task(job: Job, index: int) -> BoundaryCurve:
     """First pass: flatten a stored patch, keep its factor here, send its boundary curve."""
     patch = PatchStore(job.directory).read_patch(index)
     factor = factor_patch(patch, job.backend)
-    curve = flatten_simply(patch, factor, job.method, job.backend, job.refinement)
+    curve = flatten_simply(patch, factor, job.method, job.backend)
     _FACTORS.put((job.run, index), factor, job.factor_cache_bytes)
     return curve
 

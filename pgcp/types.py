@@ -55,7 +55,8 @@ class Patch:
     """One piece of a mesh, a topological disk.
 
     vertices (Vp, 3); faces (Fp, 3) local; vertex_ids (Vp,) and face_ids (Fp,) in the mesh;
-    boundary (Bp,) local ids, counter-clockwise, from the lowest mesh vertex id on it.
+    boundary (Bp,) local ids, counter-clockwise, from the lowest mesh vertex id on it;
+    parts (Bp,) into how many parts the edge from each of them on is subdivided for welding.
     """
 
     index: int
@@ -64,13 +65,37 @@ class Patch:
     vertex_ids: IntArray
     face_ids: IntArray
     boundary: IntArray
+    parts: IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgeTable:
+    """All seam and boundary edges of a split: sorted keys ``low * vertex_count + high`` (E,), and parts (E,).
+
+    ``parts`` says into how many equal parts each edge is subdivided for welding, the same from either side. The node
+    inserted as the t-th from the lower vertex has a number of its own, from vertex_count upwards.
+    """
+
+    keys: IntArray
+    parts: IntArray
+    vertex_count: int
+
+    def rank(self, tails: IntArray, heads: IntArray) -> IntArray:
+        """Positions in the table of edges given by their ends."""
+        wanted = np.minimum(tails, heads) * self.vertex_count + np.maximum(tails, heads)
+        return np.searchsorted(self.keys, wanted)
+
+    def inserted_node(self, rank: IntArray, t: IntArray) -> IntArray:
+        """Number of the t-th (1 .. parts - 1) node inserted into an edge, counted from its lower vertex."""
+        first = np.cumsum(self.parts - 1) - (self.parts - 1)
+        return self.vertex_count + first[rank] + t - 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoundaryCurve:
     """The boundary of a flattened patch, all that travels for welding.
 
-    vertex_ids (B,) in order, counter-clockwise; z (B * r,) positions, r points for every edge from its tail on.
+    vertex_ids (B,) in order, counter-clockwise; z positions, for every edge its tail and the points that subdivide it.
     ``pieces`` is 1, or the number of pieces the patch was flattened in because its free boundary crossed itself.
     """
 

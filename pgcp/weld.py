@@ -13,7 +13,7 @@ import numpy as np
 
 from pgcp.errors import WeldFailedError
 from pgcp.natural import crosses_itself, natural_boundary
-from pgcp.types import BoundaryCurve, ComplexArray, FloatArray, IntArray, WeldStep
+from pgcp.types import BoundaryCurve, ComplexArray, EdgeTable, FloatArray, IntArray, WeldStep
 from pgcp.zipper import close_arcs, open_arc, scale_variation
 
 SECTOR_LIMIT = 0.7 * np.pi
@@ -47,37 +47,40 @@ class Component:
         return np.flatnonzero(self.nodes[self.loop] < self.vertex_count)
 
 
-def subdivide(z: ComplexArray, refinement: int) -> ComplexArray:
-    """Points (B * refinement,) of a closed polygon z (B,), every edge in equal parts."""
-    t = np.arange(refinement) / refinement
-    points: ComplexArray = (z[:, None] + t * (np.roll(z, -1) - z)[:, None]).reshape(-1)
+def _edge_and_step(parts: IntArray) -> tuple[IntArray, IntArray]:
+    """For every point of a subdivided loop: the edge it is on, and its number on that edge, 0 for the tail."""
+    edge = np.repeat(np.arange(len(parts)), parts)
+    return edge, np.arange(len(edge)) - np.repeat(np.cumsum(parts) - parts, parts)
+
+
+def subdivide(z: ComplexArray, parts: IntArray) -> ComplexArray:
+    """Points of a closed polygon z (B,), edge i in parts[i] equal parts."""
+    edge, t = _edge_and_step(parts)
+    points: ComplexArray = z[edge] + (t / parts[edge]) * (np.roll(z, -1) - z)[edge]
     return points
 
 
-def start_component(curve: BoundaryCurve, vertices: FloatArray, edge_keys: IntArray) -> Component:
+def start_component(curve: BoundaryCurve, vertices: FloatArray, table: EdgeTable) -> Component:
     """Make a component of one patch from its subdivided boundary curve.
 
     A flattened patch is piecewise linear, so points inside a boundary edge are known exactly; with them the zipper
     follows the straight edge instead of an arc that only meets its end points, and the boundary's curved image is
-    resolved. edge_keys: the sorted keys ``low * V + high`` of all seam and boundary edges. Inserted nodes get ids from V
-    upwards, the same from either side.
+    resolved.
     """
     ids = np.asarray(curve.vertex_ids, np.int64)
     after = np.roll(ids, -1)
-    refinement = len(curve.z) // len(ids)
+    rank = table.rank(ids, after)
+    parts = table.parts[rank]
     lengths = np.linalg.norm(vertices[after] - vertices[ids], axis=1)
-    rank = np.searchsorted(edge_keys, np.minimum(ids, after) * len(vertices) + np.maximum(ids, after))
-    owner = np.repeat(np.arange(len(ids)), refinement)
-    t = np.tile(np.arange(refinement), len(ids))
-    along = np.where((ids < after)[owner], t, refinement - t)
-    inserted = len(vertices) + rank[owner] * (refinement - 1) + along - 1
-    n = len(owner)
+    edge, t = _edge_and_step(parts)
+    from_lower = np.where((ids < after)[edge], t, parts[edge] - t)
+    n = len(edge)
     return Component(
-        nodes=np.where(t == 0, ids[owner], inserted),
+        nodes=np.where(t == 0, ids[edge], table.inserted_node(rank[edge], from_lower)),
         z=curve.z,
         loop=np.arange(n),
         edges=np.column_stack([np.arange(n), np.roll(np.arange(n), -1)]),
-        lengths=lengths[owner] / refinement,
+        lengths=(lengths / parts)[edge],
         vertex_count=len(vertices),
     )
 

@@ -9,7 +9,7 @@ from meshes import similarity_error
 from pgcp import weld
 from pgcp.errors import WeldFailedError
 from pgcp.natural import crosses_itself, natural_boundary
-from pgcp.types import BoundaryCurve
+from pgcp.types import BoundaryCurve, EdgeTable
 from pgcp.weld import Component, normalise, shared_arc, start_component, subdivide, weld_pair
 from pgcp.zipper import close_arcs, open_arc
 
@@ -29,10 +29,11 @@ def half_squares(n: int, bend_left, bend_right, refinement: int = 1):
     left_ids, right_ids = number(left), number(right)
     pairs = [np.sort(np.column_stack([i, np.roll(i, -1)]), axis=1) for i in (left_ids, right_ids)]
     keys = np.unique(np.concatenate([p[:, 0] * len(points) + p[:, 1] for p in pairs]))
+    table = EdgeTable(keys, np.full(len(keys), refinement), len(points))
     parts = []
     for index, (loop, loop_ids, bend) in enumerate(((left, left_ids, bend_left), (right, right_ids, bend_right))):
-        fine = bend(subdivide(loop, refinement))
-        parts.append(start_component(BoundaryCurve(index, loop_ids, fine), vertices, keys))
+        fine = bend(subdivide(loop, np.full(len(loop), refinement)))
+        parts.append(start_component(BoundaryCurve(index, loop_ids, fine), vertices, table))
     return parts[0], parts[1], points
 
 
