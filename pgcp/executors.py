@@ -153,6 +153,11 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         except PgcpError:
             self._client.cancel(futures, force=True)
             raise
+        except RuntimeError as problem:
+            if "deserialization" in str(problem):
+                message = "the cluster cannot load this run's tasks: install pgcp, in one version, on its scheduler and workers"
+                raise InputError(message) from problem
+            raise
         results = []
         for position, future in enumerate(futures):
             self._places[position], result = out[future.key]

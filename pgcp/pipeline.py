@@ -45,6 +45,7 @@ class _Clock:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
+        """Time what is done inside."""
         start = time.perf_counter()
         yield
         seconds = time.perf_counter() - start

@@ -240,6 +240,7 @@ def examine(faces: IntArray, vertex_count: int) -> Topology:
     flat = faces.reshape(-1)
 
     def ends(half_edges: IntArray) -> IntArray:
+        """Vertices (N, 2) of half-edges."""
         corner = half_edges % 3
         return np.column_stack([flat[half_edges], flat[half_edges - corner + (corner + 1) % 3]])
 

@@ -1,0 +1,285 @@
+"""The command as a user runs it: real processes, real files, exit statuses; every option of --help is used here."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from meshes import grid, lifted, tetrahedron
+
+import pgcp
+from pgcp.cli import build_parser, main
+
+ROOT = Path(__file__).resolve().parents[1]
+COMMAND = [sys.executable, "-m", "pgcp"]
+
+
+def run(*arguments, **options):
+    return subprocess.run([*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=300, check=False, **options)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    mesh = lifted(grid(16, 12))
+    pgcp.write_mesh(tmp_path / "hills.obj", mesh)
+    column = np.arange(13) + 13 * 8
+    (tmp_path / "cuts.txt").write_text("\n".join(f"{a} {b}" for a, b in pairwise(column.tolist())))
+    (tmp_path / "bad_cuts.txt").write_text("\n".join(f"{a} {b}" for a, b in ((40, 41), (41, 54), (54, 53), (53, 40))))
+    return tmp_path
+
+
+def test_a_run_writes_all_results_in_the_order_of_the_file(folder):
+    done = run(folder / "hills.obj", "--patches", 4)
+    assert done.returncode == 0, done.stderr
+    out = folder / "hills_pgcp"
+    assert sorted(p.name for p in out.iterdir()) == ["hills.npz", "hills.obj", "hills.ply", "hills.png", "report.json"]
+    mesh = pgcp.read_mesh(folder / "hills.obj")
+    with np.load(out / "hills.npz") as data:
+        assert {k: (v.shape, v.dtype.kind) for k, v in data.items()} == {
+            "uv": ((len(mesh.vertices), 2), "f"),
+            "faces": (mesh.faces.shape, "i"),
+            "patch": ((len(mesh.faces),), "i"),
+            "mu": ((len(mesh.faces),), "c"),
+        }
+        assert np.array_equal(data["faces"], mesh.faces)
+        assert data["uv"].tobytes() == pgcp.parameterize(mesh, patches=4).coordinates.tobytes()
+    for name in ("hills.obj", "hills.ply"):
+        assert np.array_equal(pgcp.read_mesh(out / name).faces, mesh.faces)
+    assert (out / "hills.png").read_bytes().startswith(b"\x89PNG")
+    report = json.loads((out / "report.json").read_text())
+    assert report["status"] == "good"
+    assert set(report["quality"]) == {
+        "angle_mean_deg", "angle_sd_deg", "angle_median_deg", "angle_p99_deg", "angle_max_deg",
+        "mu_mean", "mu_max", "folds", "log_area_mean",
+    }  # fmt: skip
+    assert "folds 0" in done.stdout
+    assert done.stderr == ""
+
+
+OPTION_RUNS = [
+    "--workers 1 --store {folder} --factor-cache-mb 1 --output-dir {folder}/out",
+    "--flatten scp --backend superlu --seed 4 --target free --quiet --output-dir {folder}/out",
+    "--cuts {folder}/cuts.txt --output-dir {folder}/out --debug",
+    "--cuts {folder}/bad_cuts.txt --repair-cuts --output-dir {folder}/out",
+]
+
+
+@pytest.mark.parametrize("words", OPTION_RUNS)
+def test_options(words, folder):
+    done = run(folder / "hills.obj", *shlex.split(words.format(folder=folder)))
+    assert done.returncode == 0, done.stderr
+    assert (folder / "out" / "hills.npz").exists()
+    assert (done.stdout == "") == ("--quiet" in words)
+
+
+def test_cuts_are_followed(folder):
+    assert run(folder / "hills.obj", "--cuts", folder / "cuts.txt").returncode == 0
+    mesh = pgcp.read_mesh(folder / "hills.obj")
+    left = mesh.vertices[mesh.faces].mean(axis=1)[:, 0] < 0.5
+    with np.load(folder / "hills_pgcp" / "hills.npz") as data:
+        assert np.array_equal(data["patch"] == data["patch"][left][0], left)
+
+
+def test_cuts_that_leave_no_disks_are_refused_saying_where(folder):
+    done = run(folder / "hills.obj", "--cuts", folder / "bad_cuts.txt")
+    assert done.returncode == 2
+    assert re.search(r"leave 2 parts, and part \d is not a disk: it has 1 hole", done.stderr)
+    assert not (folder / "hills_pgcp").exists()
+
+
+def test_a_cut_that_is_no_edge_is_refused(folder):
+    (folder / "wrong.txt").write_text("0 1\n0 100\n")
+    done = run(folder / "hills.obj", "--cuts", folder / "wrong.txt")
+    assert (done.returncode, done.stderr) == (2, "pgcp-run: cut 2 (0 100) is not an edge of the mesh; 1 such cuts in all\n")
+
+
+def test_check_only_says_what_the_mesh_is_and_lists_defects(folder, capsys):
+    assert main([str(folder / "hills.obj"), "--check-only"]) == 0
+    assert "an open surface (a disk) with one boundary loop of 56 edges" in capsys.readouterr().out
+    pgcp.write_mesh(folder / "closed.ply", tetrahedron())
+    assert main([str(folder / "closed.ply"), "--check-only"]) == 0
+    assert "a sphere" in capsys.readouterr().out
+    mesh = grid(4)
+    faces = np.vstack([mesh.faces, mesh.faces[3:5]])
+    pgcp.write_mesh(folder / "twice.obj", pgcp.Mesh(mesh.vertices, faces))
+    assert main([str(folder / "twice.obj"), "--check-only"]) == 2
+    out = capsys.readouterr().out
+    assert "2 faces are listed twice: faces 32, 33" in out
+    assert "edges have more than two faces" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere.ply"], "no such file"),
+        (["hills.obj", "--patches", "0"], "patches is 0"),
+        (["hills.obj", "--workers", "-2"], "workers is -2"),
+        (["hills.obj", "--backend", "magic"], "unknown sparse backend"),
+        (["hills.obj", "--patches", "9999"], "9999 patches were asked for, but the mesh has only 384 faces"),
+        (["hills.obj", "--store", "nowhere"], "no such store"),
+        (["hills.obj", "--scheduler-file", "nowhere.json"], "no such scheduler file"),
+        (["hills.obj", "--scheduler", "tcp://127.0.0.1:9"], "no dask scheduler answers"),
+        (["hills.obj", "--output-dir", "cuts.txt"], "there is a file of this name"),
+        (["hills.obj", "--cuts", "hills.obj"], "line 1 is not a pair of vertex ids"),
+        (["hills.obj", "--no-such-option"], "unrecognized arguments"),
+        (["closed.ply"], "closed surface of genus 0"),
+    ],
+)
+def test_mistakes_get_one_sentence_and_status_2(arguments, words, folder):
+    pgcp.write_mesh(folder / "closed.ply", tetrahedron())
+    before = sorted(folder.iterdir())
+    done = run(*arguments, cwd=folder)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+    if "unrecognized" not in words:
+        assert done.stderr.count("\n") == 1
+    assert sorted(folder.iterdir()) == before
+
+
+def test_folds_give_status_3_and_marked_results(folder, monkeypatch, capsys):
+    from pgcp import pipeline
+
+    def mirrored(mesh, _parts):
+        return mesh.vertices @ [1, -1j, 0], np.zeros(len(mesh.faces), complex)
+
+    monkeypatch.setattr(pipeline, "collect", mirrored)
+    assert main([str(folder / "hills.obj")]) == 3
+    assert "the map has 384 folded faces of 384" in capsys.readouterr().err
+    assert json.loads((folder / "hills_pgcp" / "report.json").read_text())["status"] == "folded"
+
+
+def test_numerical_failures_and_bugs_have_their_own_status(folder, monkeypatch, capsys):
+    from pgcp import pipeline
+    from pgcp.errors import WeldFailedError
+
+    def fail(*_):
+        raise WeldFailedError("seam 3 is lost")
+
+    monkeypatch.setattr(pipeline, "split_mesh", fail)
+    assert main([str(folder / "hills.obj")]) == 3
+    assert capsys.readouterr().err == "pgcp-run: seam 3 is lost\n"
+    monkeypatch.setattr(pipeline, "split_mesh", lambda *_: 1 / 0)
+    assert main([str(folder / "hills.obj")]) == 1
+    assert "a bug: ZeroDivisionError" in capsys.readouterr().err
+    with pytest.raises(ZeroDivisionError):
+        main([str(folder / "hills.obj"), "--debug"])
+
+
+def test_version_is_printed():
+    assert run("--version").stdout.startswith("pgcp-run 0.")
+
+
+def test_the_demo_runs_without_a_mesh(tmp_path):
+    done = run("--patches", 4, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    with np.load(tmp_path / "demo_pgcp" / "demo.npz") as data:
+        assert 45_000 < len(data["uv"]) < 55_000
+    assert json.loads((tmp_path / "demo_pgcp" / "report.json").read_text())["quality"]["folds"] == 0
+
+
+def test_bars_are_drawn_on_a_terminal_and_nowhere_else(folder):
+    main_end, their_end = pty.openpty()
+    process = subprocess.Popen(
+        [*COMMAND, str(folder / "hills.obj"), "--patches", "3"], stderr=their_end, stdout=subprocess.DEVNULL,
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
+    )  # fmt: skip
+    os.close(their_end)
+    seen = b""
+    while True:
+        try:
+            chunk = os.read(main_end, 65536)
+        except OSError:
+            break
+        if not chunk:
+            break
+        seen += chunk
+    assert process.wait(60) == 0
+    text = seen.decode(errors="replace")
+    assert "flatten" in text
+    assert "3/3" in text
+    assert "solve" in text
+    assert run(folder / "hills.obj", "--patches", "3").stderr == ""
+
+
+@pytest.mark.parametrize("workers", ["0", "2"])
+def test_an_interrupt_stops_cleanly_and_leaves_no_process(workers, tmp_path):
+    pgcp.write_mesh(tmp_path / "big.ply", lifted(grid(420)))
+    process = subprocess.Popen(
+        [*COMMAND, "big.ply", "--workers", workers, "--patches", "8"],
+        cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    if workers == "2":
+        deadline = time.monotonic() + 60
+        while len(psutil.Process(process.pid).children(recursive=True)) < 3 and time.monotonic() < deadline:
+            time.sleep(0.05)
+        time.sleep(1.0)
+    else:
+        time.sleep(3.0)
+    family = psutil.Process(process.pid).children(recursive=True)
+    os.killpg(process.pid, signal.SIGINT)  # what Ctrl-C does: every process of the group gets it
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    assert err.strip() == "pgcp-run: interrupted; nothing was written"
+    _, alive = psutil.wait_procs(family, timeout=20)
+    assert alive == []
+    assert [p.name for p in tmp_path.iterdir()] == ["big.ply"]
+
+
+def options_of(parser):
+    return {option for action in parser._actions for option in action.option_strings if option.startswith("--")}
+
+
+def test_every_option_is_exercised_and_documented():
+    source = Path(__file__).read_text() + (ROOT / "tests" / "test_pipeline.py").read_text()
+    readme = (ROOT / "README.md").read_text()
+    for option in options_of(build_parser()) - {"--help"}:
+        assert option in source, f"{option} is not exercised"
+        assert f"`{option}" in readme, f"{option} is not in README"
+    for option in re.findall(r"`(--[a-z-]+)", readme):
+        assert option in options_of(build_parser()) | {"--all"}, f"README has {option}, the command has not"
+
+
+def readme_commands():
+    blocks = re.findall(r"```sh\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    lines = [line.split("  #")[0].strip() for block in blocks for line in block.splitlines()]
+    return [line for line in lines if line.startswith("pgcp-run") and "SCHEDULER" not in line]
+
+
+@pytest.mark.parametrize("line", readme_commands())
+def test_commands_of_the_readme_work(line, folder):
+    pgcp.write_mesh(folder / "bust.ply", lifted(grid(30)))
+    column = np.arange(31) + 31 * 15
+    (folder / "cuts.txt").write_text("\n".join(f"{a} {b}" for a, b in pairwise(column.tolist())))
+    done = run(*shlex.split(line)[1:], cwd=folder)
+    assert done.returncode == 0, done.stderr
+
+
+def test_python_of_the_readme_works(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    pgcp.write_mesh(folder / "bust.ply", lifted(grid(30)))
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert blocks
+    for block in blocks:
+        script = folder / "example.py"
+        script.write_text(block)
+        done = subprocess.run([sys.executable, script], cwd=folder, capture_output=True, text=True, timeout=300, check=False)
+        assert done.returncode == 0, done.stderr
+
+
+def test_nothing_in_the_library_prints(folder, capfd):
+    pgcp.parameterize(folder / "hills.obj", patches=3)
+    assert capfd.readouterr() == ("", "")
