@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from typing import Any
 
+import numba
 import numpy as np
 
 from pgcp.operators import face_areas
@@ -13,7 +15,7 @@ from pgcp.types import FloatArray, IntArray, Parameterization
 
 _PIXELS = 800
 _CHECKS = 48
-_EDGE_FACES = 20_000
+Paint = Callable[[IntArray, FloatArray], FloatArray]
 
 
 def _view(vertices: FloatArray, faces: IntArray) -> FloatArray:
@@ -30,37 +32,56 @@ def _view(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return centred @ np.array([np.cross(up, towards), up, towards]).T
 
 
-def _rasterise(points: FloatArray, faces: IntArray, values: FloatArray) -> FloatArray:
-    """Image (n, n, 3) of faces with colours interpolated from corners: a depth-buffered point splat of subdivided faces."""
-    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+@numba.njit(cache=True)
+def _visible(screen: FloatArray, faces: IntArray, size: int) -> tuple[IntArray, FloatArray]:
+    """Face seen in each pixel (size, size), -1 for none, and its barycentric weights there (size, size, 3).
+
+    screen (V, 3): pixel column, pixel row upwards, height towards the eye. Faces smaller than a pixel show at their centre.
+    """
+    seen = np.full((size, size), -1, np.int64)
+    weights = np.zeros((size, size, 3))
+    height = np.full((size, size), -np.inf)
+    for f in range(faces.shape[0]):
+        a, b, c = screen[faces[f, 0]], screen[faces[f, 1]], screen[faces[f, 2]]
+        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        x0, x1 = int(np.ceil(min(a[0], b[0], c[0]))), int(np.floor(max(a[0], b[0], c[0])))
+        y0, y1 = int(np.ceil(min(a[1], b[1], c[1]))), int(np.floor(max(a[1], b[1], c[1])))
+        if x1 - x0 <= 1 and y1 - y0 <= 1:
+            x, y = int(np.rint((a[0] + b[0] + c[0]) / 3.0)), int(np.rint((a[1] + b[1] + c[1]) / 3.0))
+            z = (a[2] + b[2] + c[2]) / 3.0
+            if z > height[y, x]:
+                seen[y, x], height[y, x] = f, z
+                weights[y, x, :] = 1.0 / 3.0
+        if area == 0.0:
+            continue
+        for y in range(y0, y1 + 1):
+            for x in range(x0, x1 + 1):
+                u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / area
+                v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / area
+                w = 1.0 - u - v
+                if min(u, v, w) < -1e-9:
+                    continue
+                z = u * a[2] + v * b[2] + w * c[2]
+                if z > height[y, x]:
+                    seen[y, x], height[y, x] = f, z
+                    weights[y, x, 0], weights[y, x, 1], weights[y, x, 2] = u, v, w
+    return seen, weights
+
+
+def _rasterise(points: FloatArray, faces: IntArray, paint: Paint) -> FloatArray:
+    """Image (n, n, 3) of faces seen along -z; paint(face_ids (m,), weights (m, 3)) gives the colours (m, 3) of pixels."""
+    mark = np.zeros(len(points), bool)
+    mark[faces.reshape(-1)] = True
+    used = points[mark, :2]
+    low, high = used.min(axis=0), used.max(axis=0)
     scale = (_PIXELS - 20) / (high - low).max()
-    shift = 0.5 * (_PIXELS - (high - low) * scale)
-    screen = (points[:, :2] - low) * scale + shift
-    corners = screen[faces]
-    extent = np.abs(corners - np.roll(corners, 1, axis=1)).max(axis=(1, 2))
+    screen = points.copy()
+    screen[:, :2] = (points[:, :2] - low) * scale + 0.5 * (_PIXELS - (high - low) * scale)
+    seen, weights = _visible(screen, np.asarray(faces, np.int64), _PIXELS)
     image = np.ones((_PIXELS, _PIXELS, 3))
-    depth = np.full(_PIXELS * _PIXELS, -np.inf)
-    flat = image.reshape(-1, 3)
-    divisions = np.ceil(1.5 * extent).astype(int) + 1
-    for n in np.unique(divisions):
-        chosen = np.flatnonzero(divisions == n)
-        i, j = np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij")
-        keep = i + j <= n
-        weights = np.column_stack([i[keep], j[keep], n - i[keep] - j[keep]]) / n
-        step = max(1, 2_000_000 // len(weights))
-        for start in range(0, len(chosen), step):
-            part = faces[chosen[start : start + step]]
-            place = np.einsum("wk,fkd->fwd", weights, screen[part]).reshape(-1, 2)
-            z = (points[part][:, :, 2] @ weights.T).reshape(-1)
-            colour = np.einsum("wk,fkd->fwd", weights, values[part]).reshape(-1, values.shape[1])
-            x, y = np.rint(place).astype(int).T
-            pixel = np.clip(_PIXELS - 1 - y, 0, _PIXELS - 1) * _PIXELS + np.clip(x, 0, _PIXELS - 1)
-            order = np.lexsort((z, pixel))
-            last = order[np.flatnonzero(np.diff(pixel[order], append=-1))]
-            front = last[z[last] > depth[pixel[last]]]
-            depth[pixel[front]] = z[front]
-            flat[pixel[front]] = _checker(colour[front])
-    return image
+    shown = seen >= 0
+    image[shown] = paint(seen[shown], weights[shown])
+    return image[::-1]
 
 
 def _checker(values: FloatArray) -> FloatArray:
@@ -98,34 +119,32 @@ def _draw_surface(axes: Any, result: Parameterization) -> None:
     extent = np.linalg.norm(np.ptp(points, axis=0)[:2])
     log_scale = np.log2(_vertex_scale(result) * extent / _CHECKS)
     values = np.column_stack([result.coordinates, _brightness(points, mesh.faces), log_scale])
-    axes.imshow(_rasterise(points, mesh.faces, values), interpolation="antialiased")
+
+    def paint(face_ids: IntArray, weights: FloatArray) -> FloatArray:
+        return _checker(np.einsum("mk,mkd->md", weights, values[mesh.faces[face_ids]]))
+
+    axes.imshow(_rasterise(points, mesh.faces, paint), interpolation="antialiased")
     axes.set_axis_off()
     axes.set_title("the surface, with a checkerboard of the map (squares double with the scale)", fontsize=8)
 
 
 def _draw_map(axes: Any, result: Parameterization) -> None:
-    from matplotlib.colors import ListedColormap, hsv_to_rgb
+    from matplotlib.colors import hsv_to_rgb
 
     mesh, uv = result.mesh, result.coordinates
     count = int(result.patch.max()) + 1
     rng = np.random.default_rng(1)
     hues = np.column_stack([rng.permutation(count) / count, np.full(count, 0.45), 0.75 + 0.25 * rng.random(count)])
-    step = max(1, len(mesh.faces) // 400_000)
-    axes.tripcolor(
-        uv[:, 0],
-        uv[:, 1],
-        mesh.faces[::step],
-        facecolors=result.patch[::step].astype(float),
-        cmap=ListedColormap(hsv_to_rgb(hues)),
-        vmin=-0.5,
-        vmax=count - 0.5,
-        edgecolors="k" if len(mesh.faces) <= _EDGE_FACES else "none",
-        linewidth=0.05,
-        rasterized=True,
-    )
-    axes.set_aspect("equal")
-    axes.tick_params(labelsize=7)
-    axes.set_title(f"the map, {count} patch{'es' if count > 1 else ''}", fontsize=9)
+    palette = hsv_to_rgb(hues)
+    flat = np.column_stack([uv, np.zeros(len(uv))])
+
+    def paint(face_ids: IntArray, _weights: FloatArray) -> FloatArray:
+        return palette[result.patch[face_ids]]
+
+    axes.imshow(_rasterise(flat, mesh.faces, paint), interpolation="antialiased")
+    axes.set_axis_off()
+    width, height = np.ptp(uv, axis=0)
+    axes.set_title(f"the map, {count} patch{'es' if count > 1 else ''}, {width:.4g} x {height:.4g}", fontsize=9)
 
 
 def _draw_histogram(axes: Any, result: Parameterization) -> None:

@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import io
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from matplotlib.image import imread
+from meshes import cap, grid
+
+import pgcp
+from pgcp.report import draw
+from pgcp.report.picture import _rasterise, _visible
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def test_every_pixel_of_a_square_shows_the_face_it_lies_in():
+    mesh = grid(5)
+    screen = mesh.vertices * [90, 90, 1] + [5, 5, 0]
+    seen, weights = _visible(screen, mesh.faces, 100)
+    inside = seen[6:94, 6:94]
+    assert (inside >= 0).all()
+    assert (seen[:4] == -1).all()
+    rows, columns = np.nonzero(seen >= 0)
+    corners = screen[mesh.faces[seen[rows, columns]]]
+    place = np.einsum("mk,mkd->md", weights[rows, columns], corners)
+    assert np.abs(place[:, 0] - columns).max() < 1e-9
+    assert np.abs(place[:, 1] - rows).max() < 1e-9
+
+
+def test_the_nearer_face_hides_the_farther_one():
+    screen = np.array([[0.0, 0, 0], [40, 0, 0], [0, 40, 0], [0, 0, 5], [40, 0, 5], [0, 40, 5]])
+    for order in ([[0, 1, 2], [3, 4, 5]], [[3, 4, 5], [0, 1, 2]]):
+        seen, _ = _visible(screen, np.array(order), 41)
+        assert set(np.unique(seen)) == {-1, order.index([3, 4, 5])}
+
+
+def test_a_surface_of_tiny_faces_has_no_holes():
+    mesh, _ = cap(400)
+    image = _rasterise(mesh.vertices, mesh.faces, lambda ids, _: np.zeros((len(ids), 3)))
+    dark = image.sum(axis=2) == 0
+    radius = np.hypot(*(np.indices(dark.shape) - (len(dark) - 1) / 2))
+    assert dark[radius < 0.48 * len(dark)].all()
+
+
+def test_the_picture_shows_all_patches_and_is_the_same_every_time():
+    result = pgcp.parameterize(grid(12), patches=4)
+    one = draw(result)
+    assert one == draw(result)
+    picture = imread(io.BytesIO(one))
+    middle = picture[:, picture.shape[1] // 3 : 2 * picture.shape[1] // 3, :3].reshape(-1, 3)
+    colours, counts = np.unique(np.round(middle, 2), axis=0, return_counts=True)
+    assert (counts[colours.max(axis=1) - colours.min(axis=1) > 0.1] > 0.02 * len(middle)).sum() == 4
+
+
+def test_the_accuracy_table(tmp_path):
+    pgcp.write_mesh(tmp_path / "cap.ply", cap(16)[0])
+    command = [sys.executable, ROOT / "scripts" / "accuracy.py", tmp_path / "cap.ply", "--patches", "2,3", "--seeds", "0,1"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
+    rows = [line.split("\t") for line in done.stdout.splitlines()]
+    assert [row[2:4] for row in rows[1:]] == [["1", "-"], ["2", "0"], ["2", "1"], ["3", "0"], ["3", "1"]]
+    assert all(0.8 < float(row[5]) < 1.2 and row[6] == "0" for row in rows[1:])
