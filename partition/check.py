@@ -105,12 +105,13 @@ def check_partition(faces: IntArray, twins: IntArray, labels: IntArray, part_cou
     same = labels[inner_half // 3] == labels[twins[inner_half] // 3]
     doubled = np.bincount(labels[inner_half[same] // 3], minlength=part_count) // 2
     euler = vertex_count - (3 * face_count - doubled) + face_count
-    _, components = label_components(twins, labels)
-    labels_of_components = np.unique(np.column_stack([components, labels]), axis=0)[:, 1]
+    count, components = label_components(twins, labels)
+    owner = np.empty(count, np.int64)
+    owner[components] = labels
     pinched = unique[counts > 1]
     return PartReport(
         face_count=face_count,
-        component_count=np.bincount(labels_of_components, minlength=part_count),
+        component_count=np.bincount(owner, minlength=part_count),
         euler_characteristic=euler,
         pinched_vertices=pinched // part_count,
         pinched_parts=pinched % part_count,

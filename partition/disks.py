@@ -17,8 +17,9 @@ _ROUNDS = 50
 
 
 def _drop_empty(labels: IntArray) -> IntArray:
-    _, dense = np.unique(labels, return_inverse=True)
-    return dense.reshape(-1).astype(np.int64)
+    used = np.bincount(labels) > 0
+    dense: IntArray = (np.cumsum(used) - 1)[labels]
+    return dense
 
 
 def _join_pieces(twins: IntArray, lengths: FloatArray, labels: IntArray) -> IntArray:
@@ -27,7 +28,7 @@ def _join_pieces(twins: IntArray, lengths: FloatArray, labels: IntArray) -> IntA
     while True:
         count, pieces = label_components(twins, labels)
         part_count = int(labels.max()) + 1
-        if count == len(np.unique(labels)):
+        if count == np.count_nonzero(np.bincount(labels)):
             return labels
         sizes = np.bincount(pieces, minlength=count)
         owner = np.empty(count, np.int64)

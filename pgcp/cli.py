@@ -27,7 +27,7 @@ def build_parser() -> argparse.ArgumentParser:
         epilog="Exit status: 0 good, 2 bad input or usage, 3 numerical failure or folds, 1 a bug.",
     )
     parser.add_argument("mesh", nargs="?", type=Path, help="PLY, OBJ, STL, OFF, GLB or glTF file; without it, a built-in demo")
-    parser.add_argument("--patches", type=int, default=6, metavar="K", help="number of patches (default 6)")
+    parser.add_argument("--patches", type=int, metavar="K", help="number of patches (default 6, fewer on a small mesh)")
     parser.add_argument("--workers", type=int, default=0, metavar="N", help="worker processes here; 0 is serial (default)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="use the running dask scheduler at this address")
     parser.add_argument("--scheduler-file", type=Path, metavar="FILE", help="use the dask scheduler this file describes")
@@ -106,11 +106,15 @@ def _check_only(mesh: Mesh) -> int:
     return GOOD if topology.is_disk or topology.is_sphere else BAD_INPUT
 
 
+def _counted(count: int, one: str, many: str) -> str:
+    return f"{count} {one if count == 1 else many}"
+
+
 def _summary(result: Parameterization, seconds: float, directory: Path) -> str:
     q = result.quality
     stages = ", ".join(f"{s['name']} {s['seconds']:.2f}" for s in result.report["stages"])
     return (
-        f"{result.mesh.name}: {len(result.mesh.vertices)} vertices, {len(result.report['patches'])} patches, "
+        f"{result.mesh.name}: {len(result.mesh.vertices)} vertices, {_counted(len(result.report['patches']), 'patch', 'patches')}, "
         f"{seconds:.1f} s ({stages})\n"
         f"  |angle error| mean {q.angle_mean_deg:.4f}, sd {q.angle_sd_deg:.4f}, max {q.angle_max_deg:.2f} degrees; "
         f"folds {q.folds}\n"

@@ -9,19 +9,21 @@ from pgcp.errors import InputError
 
 TARGETS = ("free",)
 FLATTENERS = ("dncp", "scp")
+DEFAULT_PATCHES = 6
+_FEWEST_FACES = 100
 
 
 @dataclass(frozen=True, slots=True)
 class Options:
     """Options of a run.
 
-    patches: how many; workers: 0 for serial, else processes on this machine; scheduler or scheduler_file: a running
-    dask cluster; cuts: a file of cut edges; repair_cuts: mend parts that are no disks; flatten: dncp or scp;
-    backend: auto, pardiso or superlu; seed: of the partition; store: directory shared with the workers;
-    factor_cache_bytes: what factors one process may keep between the passes.
+    patches: how many, None for 6 or fewer on a small mesh; workers: 0 for serial, else processes on this machine;
+    scheduler or scheduler_file: a running dask cluster; cuts: a file of cut edges; repair_cuts: mend parts that are
+    no disks; flatten: dncp or scp; backend: auto, pardiso or superlu; seed: of the partition; store: directory shared
+    with the workers; factor_cache_bytes: what factors one process may keep between the passes.
     """
 
-    patches: int = 6
+    patches: int | None = None
     workers: int = 0
     target: str = "free"
     scheduler: str | None = None
@@ -35,7 +37,7 @@ class Options:
     factor_cache_bytes: int = 2 * 1024**3
 
     def __post_init__(self) -> None:
-        if self.patches < 1:
+        if self.patches is not None and self.patches < 1:
             raise InputError(f"patches is {self.patches}, it must be at least 1")
         if self.workers < 0:
             raise InputError(f"workers is {self.workers}, it must be 0 (serial) or more")
@@ -49,3 +51,9 @@ class Options:
             raise InputError("give a scheduler address or a scheduler file, not both")
         if self.factor_cache_bytes < 0:
             raise InputError(f"factor_cache_bytes is {self.factor_cache_bytes}, it must be 0 or more")
+
+    def patch_count(self, face_count: int) -> int:
+        """Return the patches asked for, or else 6, or fewer so that each has 100 faces."""
+        if self.patches is not None:
+            return self.patches
+        return max(1, min(DEFAULT_PATCHES, face_count // _FEWEST_FACES))

@@ -138,8 +138,8 @@ def _plain(options: Options) -> dict[str, Any]:
 def parameterize(source: Any, *, progress: Progress = silent, **options: Any) -> Parameterization:
     """Map an open simply connected surface conformally to the plane, boundary free, patch by patch (PGCP Algorithm 3).
 
-    source: a Mesh, a path, or a trimesh.Trimesh. options: those of ``Options`` (patches=6, workers=0, target="free",
-    flatten="dncp", ...). progress(stage, done, total) is called as tasks finish.
+    source: a Mesh, a path, or a trimesh.Trimesh. options: those of ``Options`` (patches, 6 or fewer on a small
+    mesh; workers=0, target="free", flatten="dncp", ...). progress(stage, done, total) is called as tasks finish.
 
     Raises InputError (and its kinds) for input that cannot be mapped, NumericalError where a step fails; FoldError,
     whose ``result`` holds the map, where the finished map has folded faces.
@@ -162,7 +162,7 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         topology = check_mesh(mesh)
         _refuse_flat_faces(mesh)
     with clock.stage("split"):
-        split = split_mesh(mesh, topology, options.patches, options.seed, cuts, options.repair_cuts)
+        split = split_mesh(mesh, topology, options.patch_count(len(mesh.faces)), options.seed, cuts, options.repair_cuts)
     with (
         tempfile.TemporaryDirectory(prefix="pgcp-", dir=options.store) as directory,
         _executor(options, run, progress) as executor,

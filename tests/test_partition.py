@@ -129,6 +129,19 @@ def test_bisection_without_metis_is_balanced_and_repairable(hills):
     assert check_partition(hills.faces, twins, mended, 6).problems() == []
 
 
+def test_everything_works_without_pymetis(hills, monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "pymetis", None)
+    import pgcp
+
+    result = pgcp.parameterize(hills, patches=5, backend="superlu")
+    assert result.quality.folds == 0
+    assert len(result.report["patches"]) == 5
+    twins = twins_of(hills)
+    assert check_partition(hills.faces, twins, result.patch, 5).problems() == []
+
+
 def test_cuts_give_the_parts_between_them():
     mesh = grid(8)
     twins = twins_of(mesh)

@@ -302,6 +302,13 @@ def test_the_smallest_meshes(patches):
     assert pgcp.parameterize(one, patches=1).quality.angle_max_deg < 1e-6
 
 
+def test_a_small_mesh_gets_fewer_patches_unless_told_otherwise():
+    assert len(pgcp.parameterize(grid(3)).report["patches"]) == 1
+    assert len(pgcp.parameterize(grid(13)).report["patches"]) == 3
+    assert len(pgcp.parameterize(grid(20)).report["patches"]) == 6
+    assert len(pgcp.parameterize(grid(3), patches=6).report["patches"]) == 6
+
+
 def test_unused_vertices_stay_in_the_order():
     mesh = grid(5)
     padded = Mesh(np.vstack([[9, 9, 9], mesh.vertices, [7, 7, 7]]), mesh.faces + 1)

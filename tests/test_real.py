@@ -101,6 +101,6 @@ def test_defective_files_are_refused_by_name(name, mesh_folder):
 
 @pytest.mark.parametrize("name", ACCEPTED)
 def test_odd_but_legal_files_are_mapped(name, mesh_folder):
-    result = pgcp.parameterize(mesh_folder / "bad" / name, patches=1)
+    result = pgcp.parameterize(mesh_folder / "bad" / name)
     assert np.isfinite(result.coordinates).all()
     assert result.quality.folds == 0
