@@ -113,8 +113,9 @@ def _counted(count: int, one: str, many: str) -> str:
 def _summary(result: Parameterization, seconds: float, directory: Path) -> str:
     q = result.quality
     stages = ", ".join(f"{s['name']} {s['seconds']:.2f}" for s in result.report["stages"])
+    patches = _counted(len(result.report["patches"]), "patch", "patches")
     return (
-        f"{result.mesh.name}: {len(result.mesh.vertices)} vertices, {_counted(len(result.report['patches']), 'patch', 'patches')}, "
+        f"{result.mesh.name}: {len(result.mesh.vertices)} vertices, {patches}, "
         f"{seconds:.1f} s ({stages})\n"
         f"  |angle error| mean {q.angle_mean_deg:.4f}, sd {q.angle_sd_deg:.4f}, max {q.angle_max_deg:.2f} degrees; "
         f"folds {q.folds}\n"

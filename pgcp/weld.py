@@ -115,11 +115,19 @@ def shared_arc(left: IntArray, right: IntArray) -> tuple[IntArray, IntArray]:
     return np.roll(np.arange(len(left)), -start), np.roll(np.arange(len(right))[::-1], -place[start])
 
 
-def _power_about_half_axis(others: ComplexArray, p: FloatArray, side: float, power: float) -> tuple[ComplexArray, FloatArray]:
-    """Apply z -> i side (z / (i side))^power: conformal on the sector, keeps 0, infinity and the half-axis."""
+def _power_about_half_axis(
+    others: ComplexArray, gaps: FloatArray, side: float, power: float
+) -> tuple[ComplexArray, FloatArray]:
+    """Apply z -> i side (z / (i side))^power: conformal on the sector, keeps 0, infinity and the half-axis.
+
+    Inverse heights p, given by their gaps from 0 on, become p^power.
+    """
     angle = power * np.arctan2(others.real, side * others.imag)
     radius = np.abs(others) ** power
-    return radius * np.sin(angle) + 1j * side * radius * np.cos(angle), side * np.abs(p) ** power
+    before = np.concatenate([[0.0], np.cumsum(gaps)[:-1]])
+    ratio = np.divide(gaps, before, out=np.zeros_like(gaps), where=before > 0.0)
+    powered = np.where(before > 0.0, before**power * np.expm1(power * np.log1p(ratio)), gaps**power)
+    return radius * np.sin(angle) + 1j * side * radius * np.cos(angle), powered
 
 
 def _sector(others: ComplexArray, side: float) -> float:
@@ -128,7 +136,7 @@ def _sector(others: ComplexArray, side: float) -> float:
 
 
 def _separate(
-    a: ComplexArray, p_a: FloatArray, b: ComplexArray, p_b: FloatArray
+    a: ComplexArray, gaps_a: FloatArray, b: ComplexArray, gaps_b: FloatArray
 ) -> tuple[ComplexArray, FloatArray, ComplexArray, FloatArray, float, float]:
     """Make the two intermediate forms disjoint, and bring them to one scale.
 
@@ -138,16 +146,16 @@ def _separate(
     wide_a, wide_b = _sector(a, 1.0), _sector(b, -1.0)
     if wide_a + wide_b > SECTOR_LIMIT:
         power = SECTOR_LIMIT / (wide_a + wide_b)
-        a, p_a = _power_about_half_axis(a, p_a, 1.0, power)
-        b, p_b = _power_about_half_axis(b, p_b, -1.0, power)
+        a, gaps_a = _power_about_half_axis(a, gaps_a, 1.0, power)
+        b, gaps_b = _power_about_half_axis(b, gaps_b, -1.0, power)
         wide_a, wide_b = wide_a * power, wide_b * power
-    if len(p_a) > 1:
-        if not (p_a[1] > 0.0 > p_b[1]):
+    if len(gaps_a):
+        if not (gaps_a[0] > 0.0 and gaps_b[0] > 0.0):
             raise WeldFailedError("a seam is so crowded at its start that its points cannot be told apart")
-        scale_a = np.exp(np.mean(np.log(p_a[1:])))
-        scale_b = np.exp(np.mean(np.log(-p_b[1:])))
-        a, p_a, b, p_b = a * scale_a, p_a / scale_a, b * scale_b, p_b / scale_b
-    return a, p_a, b, p_b, wide_a, wide_b
+        scale_a = np.exp(np.mean(np.log(np.cumsum(gaps_a))))
+        scale_b = np.exp(np.mean(np.log(np.cumsum(gaps_b))))
+        a, gaps_a, b, gaps_b = a * scale_a, gaps_a / scale_a, b * scale_b, gaps_b / scale_b
+    return a, gaps_a, b, gaps_b, wide_a, wide_b
 
 
 def _gap_fan(a: ComplexArray, b: ComplexArray, wide_a: float, wide_b: float) -> ComplexArray:
@@ -217,14 +225,14 @@ def weld_pair(left: Component, right: Component) -> Component:
         z = np.concatenate([left.z[arc_left], left.z[sides[0]], a * right.z[sides[1]] + b])
         if not crosses_itself(z[union.loop]):
             return replace(union, z=z)
-    p_a, z_a, stuck_a = open_arc(left.z[arc_left], left.z[sides[0]], 1.0)
-    p_b, z_b, stuck_b = open_arc(right.z[arc_right], right.z[sides[1]], -1.0)
+    gaps_a, z_a, stuck_a = open_arc(left.z[arc_left], left.z[sides[0]], 1.0)
+    gaps_b, z_b, stuck_b = open_arc(right.z[arc_right], right.z[sides[1]], -1.0)
     for stuck, side in ((stuck_a, left), (stuck_b, right)):
         if stuck >= 0:
             raise WeldFailedError(f"a boundary curve of {len(side.loop)} points crosses itself near point {stuck} of its seam")
-    z_a, p_a, z_b, p_b, wide_a, wide_b = _separate(z_a, p_a, z_b, p_b)
+    z_a, gaps_a, z_b, gaps_b, wide_a, wide_b = _separate(z_a, gaps_a, z_b, gaps_b)
     fan = _gap_fan(z_a, z_b, wide_a, wide_b)
-    arc, moved, stuck = close_arcs(p_a, p_b, np.concatenate([z_a, z_b, fan]))
+    arc, moved, stuck = close_arcs(gaps_a, gaps_b, np.concatenate([z_a, z_b, fan]))
     if stuck >= 0:
         raise WeldFailedError(f"a seam of {k} edges could not be closed at its point {stuck}")
     z = np.concatenate([[np.inf], arc, moved[: len(z_a) + len(z_b)]])

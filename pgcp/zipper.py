@@ -7,7 +7,8 @@ Every map is a Moebius self-map of the right half-plane followed by ``sqrt(w^2 -
 for which, with z = x + i y,  Re M = c x / |1 + i d z|^2  exactly: real parts keep their relative precision however
 small they are, which is what crowded points need. Differences M(z) - M(p) are computed from z - p, so points close
 to the end of a slit keep their precision too. Points on the imaginary axis are kept as inverse heights p (z = i / p):
-infinity is p = 0 and needs no special case, nor does a collinear arc (d = 0).
+infinity is p = 0 and needs no special case, nor does a collinear arc (d = 0). Their gaps are carried through every map
+by formulas of their own, since neighbours may agree in all digits where a curve turns back on itself.
 """
 
 from __future__ import annotations
@@ -58,13 +59,38 @@ def _moebius(x: float, y: float, c: float, d: float) -> tuple[float, float]:
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _open_gaps(p: FloatArray, gaps: FloatArray, count: int, shift: float, scale: float, branch: float) -> None:
+    """Pass inverse heights through sqrt(L^2 - 1) in place: t = (p - shift) / scale, then t / sqrt(1 + t^2).
+
+    Point ``count`` is the new one, at height ``branch``. Gaps between neighbours are carried by themselves: differences
+    of nearly equal heights keep their relative precision.
+    """
+    for i in range(count):
+        p[i] = (p[i] - shift) / scale
+    for i in range(count - 1):
+        one, two = np.sqrt(1.0 + p[i] * p[i]), np.sqrt(1.0 + p[i + 1] * p[i + 1])
+        if p[i] * p[i + 1] > 0.0:
+            share = abs(p[i] + p[i + 1]) / (one * two * (abs(p[i + 1]) * one + abs(p[i]) * two))
+            gaps[i] = gaps[i] / scale * share
+        else:
+            gaps[i] = abs(p[i + 1]) / two + abs(p[i]) / one
+    last = p[count - 1]
+    root = np.sqrt(1.0 + last * last)
+    gaps[count - 1] = 1.0 / (root * (root + abs(last))) if last * branch > 0.0 else 1.0 + abs(last) / root
+    for i in range(count):
+        p[i] /= np.sqrt(1.0 + p[i] * p[i])
+    p[count] = branch
+
+
+@numba.njit(cache=True, error_model="numpy")
 def open_arc(arc: ComplexArray, others: ComplexArray, branch: float) -> tuple[FloatArray, ComplexArray, int]:
     """Bring a boundary curve to its intermediate form (PGCP Algorithm 1).
 
     arc (k+1,) is opened onto the imaginary axis, others (n,) into the right half-plane; ``branch`` is +1 where the
-    domain lies to the left of the arc and -1 where it lies to the right. Returns the inverse heights p (k,) of points
-    0..k-1 (point j is at i / p[j]; p[0] = 0, that is infinity, and ``branch * p`` increases; point k is at 0), the
-    others, and the number of the arc point that could not be opened (its image is not inside the half-plane), or -1.
+    domain lies to the left of the arc and -1 where it lies to the right. With p[j] the inverse height of point j, at
+    i / p[j], p[0] = 0 (infinity) and ``branch * p`` increasing (point k is at 0): returns the gaps |p[j+1] - p[j]|
+    (k-1,), the others, and the number of the arc point that could not be opened (its image is not inside the
+    half-plane), or -1.
     """
     k = arc.shape[0] - 1
     count = others.shape[0]
@@ -77,25 +103,20 @@ def open_arc(arc: ComplexArray, others: ComplexArray, branch: float) -> tuple[Fl
         w = (z - z1) / (z - z0)
         re[i], im[i] = _right_root(w.real, w.imag)
     p = np.zeros(k)
+    gaps = np.zeros(k - 1)
     for j in range(2, k + 1):
         a, b = re[j - 2], im[j - 2]
         if not (a > 0.0 and np.isfinite(a) and np.isfinite(b)):
-            return p, others, j
-        for i in range(j - 1):
-            # L(i / p) = i / t with t = (p - d) / c; the root keeps the sign of t
-            t = (p[i] * (a * a + b * b) - b) / a
-            p[i] = t / np.sqrt(1.0 + t * t)
-        p[j - 1] = branch
+            return gaps, others, j
+        square = a * a + b * b
+        _open_gaps(p, gaps, j - 1, b / square, a / square, branch)
         _open_step(re[j - 1 :], im[j - 1 :], a, b)
     # send the image of z0 to infinity (PGCP eq. 4.13)
-    d = p[0]
-    for i in range(k):
-        p[i] -= d
     out = np.empty(count, np.complex128)
     for i in range(count):
-        x, y = _moebius(re[k - 1 + i], im[k - 1 + i], 1.0, d)
+        x, y = _moebius(re[k - 1 + i], im[k - 1 + i], 1.0, p[0])
         out[i] = complex(x, y)
-    return p, out, -1
+    return gaps, out, -1
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -117,14 +138,47 @@ def _close_step(re: FloatArray, im: FloatArray, p: float, q: float) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def close_arcs(upper: FloatArray, lower: FloatArray, others: ComplexArray) -> tuple[ComplexArray, ComplexArray, int]:
-    """Weld points with inverse heights ``upper`` (k,) >= 0 to points with ``lower`` (k,) <= 0 (PGCP Algorithm 2).
+def _close_gaps(gaps: FloatArray, count: int, other_total: float) -> float:
+    """Pass the gaps of one side through sqrt(T^2 + 1) in place; point ``count`` is being welded.
 
-    Point 0 of both is infinity, point k of both is 0; others (n,) in the right half-plane move along. Returns the common
-    images of points 1..k, the images of the others, and -1 or the number of the point that could not be welded. The image
-    of point 0 is infinity.
+    With half the distance of the two points being welded as the unit, point i is at depth r = sum of the gaps from it to
+    point ``count``, and its new inverse height is (1 - r) / sqrt(r (2 - r)). Returns that of point count - 1.
     """
-    k = upper.shape[0]
+    own_total = 0.0
+    for i in range(count):
+        own_total += gaps[i]
+    half = 0.5 * (own_total + other_total)
+    depth = gaps[count - 1] / half
+    rest = other_total
+    for i in range(count - 1):
+        rest += gaps[i]
+    product = depth * (rest / half)
+    height = (1.0 - depth) / np.sqrt(product)
+    first = height
+    for i in range(count - 2, -1, -1):
+        step = gaps[i] / half
+        next_depth = depth + step
+        rest -= gaps[i]
+        next_product = next_depth * max(2.0 - next_depth, rest / half)
+        next_height = (1.0 - next_depth) / np.sqrt(next_product)
+        if (1.0 - depth) * (1.0 - next_depth) > 0.0:
+            total = abs(2.0 - depth - next_depth)
+            gaps[i] = step * total / (product * next_product * (abs(height) + abs(next_height)))
+        else:
+            gaps[i] = abs(height) + abs(next_height)
+        depth, product, height = next_depth, next_product, next_height
+    return first
+
+
+@numba.njit(cache=True, error_model="numpy")
+def close_arcs(upper: FloatArray, lower: FloatArray, others: ComplexArray) -> tuple[ComplexArray, ComplexArray, int]:
+    """Weld the points of the upper half-axis to those of the lower one (PGCP Algorithm 2).
+
+    upper, lower (k-1,): gaps between inverse heights of points 0..k-1, point 0 being infinity on both sides; point k of
+    both is 0; others (n,) in the right half-plane move along. Returns the common images of points 1..k, the images of
+    the others, and -1 or the number of the point that could not be welded. The image of point 0 is infinity.
+    """
+    k = upper.shape[0] + 1
     count = others.shape[0]
     re = np.empty(k + count)
     im = np.empty(k + count)
@@ -133,17 +187,22 @@ def close_arcs(upper: FloatArray, lower: FloatArray, others: ComplexArray) -> tu
     # slot j - 1 holds the welded point j, from the moment it is welded
     re[k - 1] = im[k - 1] = 0.0
     u, v = upper.copy(), lower.copy()
+    p, q = u.sum(), -v.sum()
     far = 0.0
     for j in range(k - 1, 0, -1):
-        p, q = u[j], v[j]
-        if not (p > far and far > q and np.isfinite(p) and np.isfinite(q)):
+        above, below = 0.0, 0.0
+        for i in range(j):
+            above += u[i]
+            below += v[i]
+        if not (above > 0.0 and below > 0.0 and np.isfinite(p) and np.isfinite(q)):
             return np.empty(0, np.complex128), others, j
-        for i in range(1, j):
-            u[i] = (u[i] - 0.5 * (p + q)) / np.sqrt((p - u[i]) * (u[i] - q))
-            v[i] = (v[i] - 0.5 * (p + q)) / np.sqrt((p - v[i]) * (v[i] - q))
-        far = (far - 0.5 * (p + q)) / np.sqrt((p - far) * (far - q))
         _close_step(re[j:], im[j:], p, q)
         re[j - 1] = im[j - 1] = 0.0
+        # infinity lies ``above`` below p and ``below`` above q
+        half = 0.5 * (above + below)
+        far = 0.5 * (below - above) / np.sqrt(above * below) if half > 0.0 else 0.0
+        p = _close_gaps(u, j, below)
+        q = -_close_gaps(v, j, above)
     arc = np.empty(k, np.complex128)
     out = np.empty(count, np.complex128)
     for i in range(k + count):

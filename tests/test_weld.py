@@ -96,56 +96,74 @@ def test_opening_brings_the_arc_to_one_half_axis_in_order():
     """Hazard: points beyond a pole pass to the other half-axis until the last Moebius map."""
     left, _, _ = half_squares(20, lambda z: np.exp(1.2j * z), lambda z: z)
     k = 40
-    p, others, stuck = open_arc(left.z[: k + 1], left.z[k + 1 :], 1.0)
-    assert stuck == -1
-    assert p[0] == 0
-    assert (np.diff(p) > 0).all()
-    assert (others.real > 0).all()
-    q, _, stuck = open_arc(left.z[: k + 1], left.z[k + 1 :], -1.0)
-    assert stuck == -1
-    assert (np.diff(q) < 0).all()
+    for branch in (1.0, -1.0):
+        gaps, others, stuck = open_arc(left.z[: k + 1], left.z[k + 1 :], branch)
+        assert stuck == -1
+        assert len(gaps) == k - 1
+        assert (gaps > 0).all()
+        assert (others.real > 0).all()
 
 
 def test_collinear_arcs_open_without_dividing_by_zero():
     arc = np.linspace(0, 1, 9).astype(complex)
-    p, others, stuck = open_arc(arc, np.array([0.5 + 0.5j, -1 + 1j]), 1.0)
+    gaps, others, stuck = open_arc(arc, np.array([0.5 + 0.5j, -1 + 1j]), 1.0)
     assert stuck == -1
-    assert np.isfinite(p).all()
     assert np.isfinite(others).all()
-    assert (np.diff(p) > 0).all()
-    # the exact map is sqrt((z - 1) / z): the point x goes to the height sqrt((1 - x) / x)
+    # the exact map is sqrt((z - 1) / z): the point x has the inverse height sqrt(x / (1 - x)), up to one scale
+    p = np.concatenate([[0.0], np.cumsum(gaps)])
     exact = np.sqrt(arc[:-1].real / (1 - arc[:-1].real))
     assert np.allclose(p / p[4], exact / exact[4], rtol=1e-12)
 
 
-def test_opening_then_closing_onto_its_mirror_image_is_a_moebius_map():
-    rng = np.random.default_rng(2)
-    arc = np.cumsum(np.concatenate([[0], 1 + 0.3j * rng.normal(size=12)]))
-    others = np.array([3 + 4j, 7 + 5j, 1 + 9j, 10 + 2j])
-    up, a, _ = open_arc(arc, others, 1.0)
-    down, b, _ = open_arc(arc, others, -1.0)
+def cross_ratio(z):
+    return (z[0] - z[2]) * (z[1] - z[3]) / ((z[0] - z[3]) * (z[1] - z[2]))
+
+
+def wavy_arc():
+    return np.cumsum(np.concatenate([[0], 1 + 0.3j * np.random.default_rng(2).normal(size=12)]))
+
+
+def hairpin_arc(width: float):
+    """Out along the real axis, a turn by nearly 180 degrees, and back beside itself."""
+    out = np.linspace(0, 6, 13)
+    back = np.linspace(5.75, 3.0, 12)
+    away = 3.0 + 1j * np.linspace(0.25, 3, 12)
+    return np.concatenate([out, back + 1j * width * (6 - back), away])
+
+
+@pytest.mark.parametrize("arc", [wavy_arc(), hairpin_arc(0.05), hairpin_arc(1e-3)], ids=["wavy", "hairpin", "tight hairpin"])
+def test_opening_then_closing_onto_its_mirror_image_is_a_moebius_map(arc):
+    """Hazard: neighbours agree in all their digits where a curve turns back on itself."""
+    others = np.array([3 - 4j, 7 + 5j, -1 - 9j, 10 + 2j])
+    up, a, stuck_up = open_arc(arc, others, 1.0)
+    down, b, stuck_down = open_arc(arc, others, -1.0)
+    assert stuck_up == stuck_down == -1
+    assert (up > 0).all()
+    assert (down > 0).all()
     assert np.allclose(a, b)
     welded, moved, stuck = close_arcs(up, down, a)
     assert stuck == -1
-
-    def cross_ratio(z):
-        return (z[0] - z[2]) * (z[1] - z[3]) / ((z[0] - z[3]) * (z[1] - z[2]))
-
-    assert cross_ratio(moved) == pytest.approx(cross_ratio(others), rel=1e-9)
-    assert cross_ratio(np.append(welded[:3], moved[0])) == pytest.approx(cross_ratio(np.append(arc[1:4], others[0])), rel=1e-9)
+    assert cross_ratio(moved) == pytest.approx(cross_ratio(others), rel=1e-6)
+    for j in (1, 5, len(arc) - 3):
+        seen = cross_ratio(np.append(welded[j - 1 : j + 2], moved[0]))
+        assert seen == pytest.approx(cross_ratio(np.append(arc[j : j + 3], others[0])), rel=1e-5)
 
 
 def test_two_sides_that_would_overlap_are_kept_apart():
     """Hazard: nothing in Algorithm 2 keeps the two intermediate forms disjoint."""
-    a = np.exp(1j * np.array([0.2, 1.0, 2.6])) * np.array([1, 2, 1])  # from the positive half-axis across the middle
-    a = np.append(a.real.clip(0.05) + 1j * a.imag, 0.4 - 1.0j)
-    p = np.array([0.0, 0.5, 1.0, 2.0])
-    z_a, _, z_b, _, wide_a, wide_b = weld._separate(a, p, a.conj(), -p)
+    a = np.array([0.05 + 1.2j, 0.9 + 0.1j, 0.7 - 0.6j, 0.4 - 1.0j])  # from the positive half-axis across the middle
+    gaps = np.array([0.5, 0.5, 1.0])
+    z_a, gaps_a, z_b, _, wide_a, wide_b = weld._separate(a, gaps, a.conj(), gaps)
+    assert weld._sector(a, 1.0) + weld._sector(a.conj(), -1.0) > np.pi
     assert wide_a + wide_b <= weld.SECTOR_LIMIT + 1e-12
     reach_a = np.arctan2(z_a.real, z_a.imag).max()
     reach_b = np.arctan2(z_b.real, -z_b.imag).max()
     assert reach_a + reach_b < np.pi
     assert reach_a == pytest.approx(wide_a)
+    # the half-axis goes through the same power map
+    power = wide_a / weld._sector(a, 1.0)
+    heights = np.cumsum(gaps) ** power
+    assert np.cumsum(gaps_a) / np.cumsum(gaps_a)[-1] == pytest.approx(heights / heights[-1], rel=1e-12)
 
 
 def test_the_gap_holds_only_points_outside_both_sides():
