@@ -196,7 +196,10 @@ def normalise(z: ComplexArray, edges: IntArray, lengths: FloatArray, poles: Comp
     with np.errstate(divide="ignore", invalid="ignore"):
         image = 1.0 / (z - pole)
     image[~np.isfinite(z)] = 0.0
-    scale = np.log(np.abs(image[edges[:, 0]] - image[edges[:, 1]]) / lengths)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scale = np.log(np.abs(image[edges[:, 0]] - image[edges[:, 1]]) / lengths)
+    if not np.isfinite(scale).all():
+        raise WeldFailedError("a union is so crowded that some of its points cannot be told apart")
     return (image - image.mean()) * np.exp(-np.average(scale, weights=lengths))
 
 

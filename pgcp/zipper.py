@@ -58,6 +58,47 @@ def _moebius(x: float, y: float, c: float, d: float) -> tuple[float, float]:
     return c * x / q2, c * (y * q_re - d * x * x) / q2
 
 
+@numba.njit(cache=True, error_model="numpy", inline="always")
+def _root_difference(difference: complex, root: complex, before: complex) -> complex:
+    """root - before where difference = root^2 - before^2, without cancellation."""
+    total, plain = root + before, root - before
+    return difference / total if abs(total) >= abs(plain) else plain
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _open_rest_of_arc(x: FloatArray, steps: ComplexArray, first: int) -> None:
+    """Pass the arc points after ``first``, which is being opened, through sqrt(L^2 - 1) in place.
+
+    Point m lies ``steps[m]`` beyond point m - 1, and point first - 1 is at 0: positions are sums of steps from the tip of
+    the slit on, and steps are carried through the map by themselves, so a part of the arc that looks small from afar is
+    as precise as any when the slit reaches it. x holds the real parts, which keep a relative precision of their own.
+    """
+    a, b = x[first], steps[first].imag
+    xi = complex(a, b)
+    square = a * a + b * b
+    c, d = a / square, b / square
+    y = b
+    along = 0.0 + 0.0j
+    q_before = complex(1.0 - d * b, d * a)
+    image_before = 1.0 + 0.0j
+    root_before = 0.0 + 0.0j
+    for m in range(first + 1, x.shape[0]):
+        y += steps[m].imag
+        along += steps[m]
+        q = complex(1.0 - d * y, d * x[m])
+        q2 = q.real * q.real + q.imag * q.imag
+        image = complex(c * x[m] / q2, c * (y * q.real - d * x[m] * x[m]) / q2)
+        product = along / (xi * q) * (image + 1.0)
+        re, im = _right_root(product.real, 2.0 * image.real * image.imag)
+        root = complex(re, im)
+        if m == first + 1:
+            steps[m] = root
+        else:
+            steps[m] = _root_difference(c * steps[m] / (q * q_before) * (image + image_before), root, root_before)
+        x[m] = re
+        q_before, image_before, root_before = q, image, root
+
+
 @numba.njit(cache=True, error_model="numpy")
 def _open_gaps(p: FloatArray, gaps: FloatArray, count: int, shift: float, scale: float, branch: float) -> None:
     """Pass inverse heights through sqrt(L^2 - 1) in place: t = (p - shift) / scale, then t / sqrt(1 + t^2).
@@ -94,28 +135,35 @@ def open_arc(arc: ComplexArray, others: ComplexArray, branch: float) -> tuple[Fl
     """
     k = arc.shape[0] - 1
     count = others.shape[0]
-    total = k - 1 + count
-    re = np.empty(total)
-    im = np.empty(total)
+    re, im = np.empty(count), np.empty(count)
+    x, steps = np.zeros(k + 1), np.zeros(k + 1, np.complex128)
     z0, z1 = arc[0], arc[1]
-    for i in range(total):
-        z = arc[i + 2] if i < k - 1 else others[i - k + 1]
-        w = (z - z1) / (z - z0)
+    for i in range(count):
+        w = (others[i] - z1) / (others[i] - z0)
         re[i], im[i] = _right_root(w.real, w.imag)
+    before = 0.0 + 0.0j
+    for m in range(2, k + 1):
+        w = (arc[m] - z1) / (arc[m] - z0)
+        x[m], y = _right_root(w.real, w.imag)
+        root = complex(x[m], y)
+        difference = (z1 - z0) * (arc[m] - arc[m - 1]) / ((arc[m] - z0) * (arc[m - 1] - z0))
+        steps[m] = root if m == 2 else _root_difference(difference, root, before)
+        before = root
     p = np.zeros(k)
     gaps = np.zeros(k - 1)
     for j in range(2, k + 1):
-        a, b = re[j - 2], im[j - 2]
+        a, b = x[j], steps[j].imag
         if not (a > 0.0 and np.isfinite(a) and np.isfinite(b)):
             return gaps, others, j
         square = a * a + b * b
         _open_gaps(p, gaps, j - 1, b / square, a / square, branch)
-        _open_step(re[j - 1 :], im[j - 1 :], a, b)
+        _open_rest_of_arc(x, steps, j)
+        _open_step(re, im, a, b)
     # send the image of z0 to infinity (PGCP eq. 4.13)
     out = np.empty(count, np.complex128)
     for i in range(count):
-        x, y = _moebius(re[k - 1 + i], im[k - 1 + i], 1.0, p[0])
-        out[i] = complex(x, y)
+        u, v = _moebius(re[i], im[i], 1.0, p[0])
+        out[i] = complex(u, v)
     return gaps, out, -1
 
 
