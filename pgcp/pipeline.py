@@ -22,7 +22,7 @@ from pgcp.dirichlet import choose_backend
 from pgcp.errors import DegenerateError, FoldError, InputError, NotManifoldError, NotSimplyConnectedError
 from pgcp.executors import DaskExecutor, Executor, Progress, SerialExecutor, silent
 from pgcp.io import read_cuts, read_mesh
-from pgcp.operators import face_areas
+from pgcp.operators import cotangents, face_areas
 from pgcp.options import Options
 from pgcp.quality import measure_quality
 from pgcp.repair import repair_folds
@@ -82,8 +82,6 @@ def check_mesh(mesh: Mesh) -> Topology:
 
 
 def _refuse_flat_faces(mesh: Mesh) -> None:
-    from pgcp.operators import cotangents
-
     bad = np.flatnonzero(~np.isfinite(cotangents(mesh.vertices, mesh.faces)).all(axis=1))
     if len(bad):
         shown = ", ".join(str(f) for f in bad[:5].tolist())
