@@ -104,6 +104,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         self._run = run
         self._progress = progress
         self._places: dict[int, str] = {}
+        self._calls = 0
         self._cluster: Any = None
         if scheduler is None and scheduler_file is None:
             self._cluster = LocalCluster(
@@ -111,7 +112,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
                 threads_per_worker=1,
                 processes=True,
                 host="127.0.0.1",
-                dashboard_address=None,
+                dashboard_address="127.0.0.1:0",
                 silence_logs=logging.CRITICAL,
             )
             self._client: Any = Client(self._cluster)
@@ -129,6 +130,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         from distributed.scheduler import KilledWorker
 
         self._progress(stage, 0, len(items))
+        self._calls += 1
         futures = []
         for position, item in enumerate(items):
             place = self._places.get(position)
@@ -137,7 +139,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
                     _run_located,
                     function,
                     item,
-                    key=f"pgcp-{self._run}-{stage}-{position}",
+                    key=f"pgcp-{self._run}-{self._calls}-{stage}-{position}",
                     workers=[place] if place else None,
                     allow_other_workers=place is not None,
                     pure=False,

@@ -8,7 +8,7 @@ import time
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -19,7 +19,7 @@ import numpy as np
 from pgcp.assemble import collect, place
 from pgcp.beltrami import beltrami_coefficients
 from pgcp.dirichlet import choose_backend
-from pgcp.errors import DegenerateError, FoldError, InputError, NotManifoldError, NotSimplyConnectedError
+from pgcp.errors import DegenerateError, FoldError, InputError, NotManifoldError, NotSimplyConnectedError, WeldFailedError
 from pgcp.executors import DaskExecutor, Executor, Progress, SerialExecutor, silent
 from pgcp.io import read_cuts, read_mesh
 from pgcp.operators import cotangents, face_areas
@@ -30,9 +30,10 @@ from pgcp.split import Split, cut_patch, split_mesh
 from pgcp.store import PatchStore
 from pgcp.tasks import Job, SolveReport, flatten_task, relax_task, solve_task, weld_task
 from pgcp.topology import Topology, examine
-from pgcp.types import BoundaryCurve, ComplexArray, Mesh, Parameterization, PatchMap
+from pgcp.types import BoundaryCurve, ComplexArray, Mesh, Parameterization, Patch, PatchMap
 from pgcp.weld import Component, start_component
 
+_ATTEMPTS = 3
 _PACKAGES = ("pgcp", "numpy", "scipy", "numba", "networkx", "dask", "distributed", "pymetis", "mkl")
 
 
@@ -148,6 +149,61 @@ def parameterize(source: Any, *, progress: Progress = silent, **options: Any) ->
     return result
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Mapped:
+    """One finished pass through all patches."""
+
+    split: Split
+    patches: list[Patch]
+    curves: list[BoundaryCurve]
+    solved: list[SolveReport]
+    welds: list[dict[str, int]]
+    z: ComplexArray
+    mu: ComplexArray
+
+
+def _map_patches(mesh: Mesh, split: Split, job: Job, executor: Executor, clock: _Clock) -> _Mapped:
+    """Store, flatten, weld, solve and collect the patches of one split."""
+    store = PatchStore(job.directory)
+    patches = []
+    with clock.stage("store"):
+        for index in range(split.patch_count):
+            patch = cut_patch(mesh, split, index)
+            store.write_patch(patch)
+            patches.append(patch)
+    with clock.stage("flatten"):
+        curves = executor.map("flatten", partial(flatten_task, job), range(split.patch_count))
+    with clock.stage("weld"):
+        union, welds = _weld_all(executor, mesh, split, curves)
+        positions = _positions(union, len(mesh.vertices))
+    with clock.stage("solve"):
+        items = [(p.index, positions[p.vertex_ids[p.boundary]]) for p in patches]
+        solved = executor.map("solve", partial(solve_task, job), items)
+    with clock.stage("assemble"):
+        maps = (PatchMap(s.patch, *store.read_map(s.patch), s.fold_count, s.mu_max) for s in solved)
+        z, mu = collect(mesh, zip(patches, maps, strict=True))
+    return _Mapped(split, patches, curves, solved, welds, z, mu)
+
+
+def _map_with_retries(
+    mesh: Mesh, topology: Topology, options: Options, job: Job, executor: Executor, clock: _Clock
+) -> tuple[_Mapped, list[dict[str, Any]]]:
+    """Map the patches; where a weld fails, try again with patches of another seed, unless the cuts are the user's."""
+    cuts = read_cuts(options.cuts) if options.cuts is not None else None
+    count = options.patch_count(len(mesh.faces))
+    failures: list[dict[str, Any]] = []
+    while True:
+        seed = options.seed + len(failures)
+        with clock.stage("split"):
+            split = split_mesh(mesh, topology, count, seed, cuts, options.repair_cuts)
+        try:
+            return _map_patches(mesh, split, replace(job, run=f"{job.run}-{len(failures)}"), executor, clock), failures
+        except WeldFailedError as problem:
+            failures.append({"seed": seed, "reason": str(problem)})
+            if cuts is not None or split.patch_count == 1 or len(failures) == _ATTEMPTS:
+                raise
+
+
 def compute(source: Any, options: Options, progress: Progress = silent) -> Parameterization:
     """As ``parameterize``, but a map with folds is returned like any other: its quality says so."""
     clock = _Clock()
@@ -155,76 +211,55 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
     backend = choose_backend(options.backend)
     with clock.stage("read"):
         mesh = as_mesh(source)
-        cuts = read_cuts(options.cuts) if options.cuts is not None else None
     with clock.stage("check"):
         topology = check_mesh(mesh)
         _refuse_flat_faces(mesh)
-    with clock.stage("split"):
-        split = split_mesh(mesh, topology, options.patch_count(len(mesh.faces)), options.seed, cuts, options.repair_cuts)
     with (
         tempfile.TemporaryDirectory(prefix="pgcp-", dir=options.store) as directory,
         _executor(options, run, progress) as executor,
     ):
         clock.executor = executor
-        store = PatchStore(Path(directory))
-        job = Job(
-            run=run,
-            directory=store.directory,
-            method=options.flatten,
-            backend=backend,
-            factor_cache_bytes=options.factor_cache_bytes,
-        )
-        patches = []
-        with clock.stage("store"):
-            for index in range(split.patch_count):
-                patch = cut_patch(mesh, split, index)
-                store.write_patch(patch)
-                patches.append(patch)
-        with clock.stage("flatten"):
-            curves = executor.map("flatten", partial(flatten_task, job), range(split.patch_count))
-        with clock.stage("weld"):
-            union, welds = _weld_all(executor, mesh, split, curves)
-            positions = _positions(union, len(mesh.vertices))
-        with clock.stage("solve"):
-            items = [(p.index, positions[p.vertex_ids[p.boundary]]) for p in patches]
-            solved: list[SolveReport] = executor.map("solve", partial(solve_task, job), items)
-        with clock.stage("assemble"):
-            maps = (PatchMap(s.patch, *store.read_map(s.patch), s.fold_count, s.mu_max) for s in solved)
-            z, mu = collect(mesh, zip(patches, maps, strict=True))
+        job = Job(run, Path(directory), options.flatten, backend, options.factor_cache_bytes)
+        mapped, failures = _map_with_retries(mesh, topology, options, job, executor, clock)
         with clock.stage("repair"):
-            z, touched, repair = repair_folds(mesh, z)
-            mu[touched] = beltrami_coefficients(mesh.vertices, mesh.faces[touched], z)
+            z, touched, repair = repair_folds(mesh, mapped.z)
+            mapped.mu[touched] = beltrami_coefficients(mesh.vertices, mesh.faces[touched], z)
             coordinates = place(mesh, z, topology.loops[0])
         description = executor.describe()
     clock.executor = SerialExecutor()
     with clock.stage("measure"):
-        quality = measure_quality(mesh, coordinates, mu)
+        quality = measure_quality(mesh, coordinates, mapped.mu)
     report = {
         "mesh": {"name": mesh.name, "vertices": len(mesh.vertices), "faces": len(mesh.faces)},
         "versions": _versions(),
         "options": _plain(options),
-        "seed": options.seed,
+        "seed": options.seed + len(failures),
         "backend": backend,
         "threads": description["threads_per_worker"],
         "executor": description,
         "stages": clock.stages,
-        "patches": [
-            {
-                "index": p.index,
-                "vertices": len(p.vertex_ids),
-                "faces": len(p.face_ids),
-                "boundary": len(p.boundary),
-                "pieces": c.pieces,
-                "folds": s.fold_count,
-                "mu_max": s.mu_max,
-                "reused_factor": s.reused_factor,
-            }
-            for p, c, s in zip(patches, curves, solved, strict=True)
-        ],
-        "welds": welds,
-        "boundary_points": int(split.edges.parts.sum()),
+        "patches": _patch_rows(mapped),
+        "welds": mapped.welds,
+        "retries": failures,
+        "boundary_points": int(mapped.split.edges.parts.sum()),
         "repairs": [asdict(repair)] if repair is not None else [],
         "quality": asdict(quality),
         "status": "good" if quality.folds == 0 else "folded",
     }
-    return Parameterization(mesh, coordinates, split.labels, mu, quality, report)
+    return Parameterization(mesh, coordinates, mapped.split.labels, mapped.mu, quality, report)
+
+
+def _patch_rows(mapped: _Mapped) -> list[dict[str, Any]]:
+    return [
+        {
+            "index": p.index,
+            "vertices": len(p.vertex_ids),
+            "faces": len(p.face_ids),
+            "boundary": len(p.boundary),
+            "pieces": c.pieces,
+            "folds": s.fold_count,
+            "mu_max": s.mu_max,
+            "reused_factor": s.reused_factor,
+        }
+        for p, c, s in zip(mapped.patches, mapped.curves, mapped.solved, strict=True)
+    ]

@@ -260,6 +260,36 @@ def test_the_factor_cache_is_bounded_and_drops_the_oldest():
     assert cache.take("b") is None
 
 
+def fail_first_welds(monkeypatch, times):
+    from pgcp import pipeline
+
+    original, calls = pipeline._weld_all, []
+
+    def failing(*arguments):
+        calls.append(1)
+        if len(calls) <= times:
+            raise errors.WeldFailedError("made to fail")
+        return original(*arguments)
+
+    monkeypatch.setattr(pipeline, "_weld_all", failing)
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_a_failed_weld_is_tried_again_with_another_seed_and_recorded(workers, monkeypatch, hills):
+    other = pgcp.parameterize(hills, patches=4, seed=2)
+    fail_first_welds(monkeypatch, 2)
+    result = pgcp.parameterize(hills, patches=4, seed=0, workers=workers)
+    assert result.report["seed"] == 2
+    assert result.report["retries"] == [{"seed": 0, "reason": "made to fail"}, {"seed": 1, "reason": "made to fail"}]
+    assert result.coordinates.tobytes() == other.coordinates.tobytes()
+
+
+def test_a_weld_that_fails_every_time_is_an_error(monkeypatch, hills):
+    fail_first_welds(monkeypatch, 3)
+    with pytest.raises(errors.WeldFailedError, match="made to fail"):
+        pgcp.parameterize(hills, patches=4)
+
+
 # refusals
 
 

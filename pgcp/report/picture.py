@@ -121,6 +121,7 @@ def _draw_surface(axes: Any, result: Parameterization) -> None:
     values = np.column_stack([result.coordinates, _brightness(points, mesh.faces), log_scale])
 
     def paint(face_ids: IntArray, weights: FloatArray) -> FloatArray:
+        """Checkerboard of the map."""
         return _checker(np.einsum("mk,mkd->md", weights, values[mesh.faces[face_ids]]))
 
     axes.imshow(_rasterise(points, mesh.faces, paint), interpolation="antialiased")
@@ -139,6 +140,7 @@ def _draw_map(axes: Any, result: Parameterization) -> None:
     flat = np.column_stack([uv, np.zeros(len(uv))])
 
     def paint(face_ids: IntArray, _weights: FloatArray) -> FloatArray:
+        """Colour of the patch."""
         return palette[result.patch[face_ids]]
 
     axes.imshow(_rasterise(flat, mesh.faces, paint), interpolation="antialiased")
