@@ -1,29 +1,35 @@
 """Parallel global conformal maps of huge triangle meshes by partial welding.
 
-import pgcp
-result = pgcp.parameterize("bust.ply", patches=6, workers=2)
-result.coordinates      # (V, 2), in the order of the file's vertices
+    import pgcp
+    result = pgcp.parameterize("bust.ply", patches=6, workers=2)
+    result.coordinates      # (V, 2), in the order of the file's vertices
+
+Names are imported when they are first used, so that the command answers at once.
 """
 
 from __future__ import annotations
 
-from pgcp.errors import (
-    BadFileError,
-    DegenerateError,
-    FoldError,
-    InputError,
-    NotManifoldError,
-    NotSimplyConnectedError,
-    NumericalError,
-    PartitionInputError,
-    PgcpError,
-    SolveFailedError,
-    WeldFailedError,
-)
-from pgcp.io import read_mesh, write_mesh
-from pgcp.options import Options
-from pgcp.pipeline import check_mesh, compute, parameterize
-from pgcp.types import Mesh, Parameterization, Quality
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pgcp.errors import (
+        BadFileError,
+        DegenerateError,
+        FoldError,
+        InputError,
+        NotManifoldError,
+        NotSimplyConnectedError,
+        NumericalError,
+        PartitionInputError,
+        PgcpError,
+        SolveFailedError,
+        WeldFailedError,
+    )
+    from pgcp.io import read_mesh, write_mesh
+    from pgcp.options import Options
+    from pgcp.pipeline import check_mesh, compute, parameterize
+    from pgcp.types import Mesh, Parameterization, Quality
 
 __version__ = "0.1.0"
 __all__ = [
@@ -48,3 +54,24 @@ __all__ = [
     "read_mesh",
     "write_mesh",
 ]
+_HOMES = {
+    "read_mesh": "io",
+    "write_mesh": "io",
+    "Options": "options",
+    "check_mesh": "pipeline",
+    "compute": "pipeline",
+    "parameterize": "pipeline",
+    "Mesh": "types",
+    "Parameterization": "types",
+    "Quality": "types",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module 'pgcp' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"pgcp.{_HOMES.get(name, 'errors')}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, "__version__"])

@@ -7,9 +7,11 @@ order they finish in, and each task computes with one BLAS thread wherever it ru
 from __future__ import annotations
 
 import logging
+import signal
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -81,6 +83,20 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
         return None
 
 
+@contextmanager
+def _interrupts_for_this_process_only() -> Iterator[None]:
+    """Processes started inside never see Ctrl-C, which a terminal sends to all; one that arrives meanwhile waits."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # its start would unblock the signal in the thread that starts processes
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _run_located(function: Callable[[Any], Any], item: Any) -> tuple[str, Any]:
     from distributed import get_worker
 
@@ -107,14 +123,15 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         self._calls = 0
         self._cluster: Any = None
         if scheduler is None and scheduler_file is None:
-            self._cluster = LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                processes=True,
-                host="127.0.0.1",
-                dashboard_address="127.0.0.1:0",
-                silence_logs=logging.CRITICAL,
-            )
+            with _interrupts_for_this_process_only():
+                self._cluster = LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    host="127.0.0.1",
+                    dashboard_address="127.0.0.1:0",
+                    silence_logs=logging.CRITICAL,
+                )
             self._client: Any = Client(self._cluster)
             return
         try:

@@ -182,6 +182,15 @@ def test_version_is_printed():
     assert run("--version").stdout.startswith("pgcp-run 0.")
 
 
+def test_the_command_and_the_package_import_nothing_heavy_before_they_need_it():
+    code = "import sys, pgcp.cli; print([m for m in ('numba', 'scipy', 'distributed', 'matplotlib') if m in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+    assert all(getattr(pgcp, name) is not None for name in pgcp.__all__)
+    assert set(pgcp.__all__) <= set(dir(pgcp))
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = pgcp.nothing
+
+
 def test_the_demo_runs_without_a_mesh(tmp_path):
     done = run("--patches", 4, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
