@@ -247,8 +247,7 @@ def close_arcs(upper: FloatArray, lower: FloatArray, others: ComplexArray) -> tu
         _close_step(re[j:], im[j:], p, q)
         re[j - 1] = im[j - 1] = 0.0
         # infinity lies ``above`` below p and ``below`` above q
-        half = 0.5 * (above + below)
-        far = 0.5 * (below - above) / np.sqrt(above * below) if half > 0.0 else 0.0
+        far = 0.5 * (below - above) / np.sqrt(above * below)
         p = _close_gaps(u, j, below)
         q = -_close_gaps(v, j, above)
     arc = np.empty(k, np.complex128)
