@@ -104,7 +104,8 @@ class PardisoFactor:
             self._handle[:] = 0
 
     def __del__(self) -> None:
-        if not sys.is_finalizing() and hasattr(self, "_permutation"):
+        # late at exit even module names are gone, and the memory goes with the process
+        if sys is not None and not sys.is_finalizing() and hasattr(self, "_permutation"):
             self.release()
 
     def _call(self, phase: int, right: FloatArray, result: FloatArray) -> None:
