@@ -135,6 +135,11 @@ class Contacts:
         """(N,) whether the intersection of the pair is a single arc of at least one edge."""
         return (self.edge_count > 0) & (self.vertex_count == self.edge_count + 1)
 
+    @property
+    def is_circle(self) -> BoolArray:
+        """(N,) whether the intersection of the pair is one closed loop, given that the pair is all there is."""
+        return (self.edge_count > 0) & (self.vertex_count == self.edge_count)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeamTable:

@@ -8,20 +8,52 @@ import numpy as np
 
 from pgcp.beltrami import signed_area
 from pgcp.operators import face_areas
-from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Patch, PatchMap
+from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, Patch, PatchMap
 
 
-def collect(mesh: Mesh, parts: Iterable[tuple[Patch, PatchMap]]) -> tuple[ComplexArray, ComplexArray]:
-    """One array of positions z (V,) and one of Beltrami coefficients mu (F,) from all patches.
+def collect(
+    mesh: Mesh, parts: Iterable[tuple[Patch, PatchMap]], target: str
+) -> tuple[ComplexArray | FloatArray, ComplexArray]:
+    """One array of positions, complex (V,) or unit vectors (V, 3), and one of Beltrami coefficients mu (F,).
 
-    Vertices on seams have the same position in every patch that holds them. Vertices used by no face stay at 0.
+    Vertices on seams have the same position in every patch that holds them. Vertices used by no face are at 0, on the
+    sphere at the north pole.
     """
-    z = np.zeros(len(mesh.vertices), np.complex128)
+    points: ComplexArray | FloatArray = np.zeros(len(mesh.vertices), np.complex128)
+    if target == "sphere":
+        points = np.tile([0.0, 0.0, 1.0], (len(mesh.vertices), 1))
     mu = np.zeros(len(mesh.faces), np.complex128)
     for patch, solved in parts:
-        z[patch.vertex_ids] = solved.z
+        points[patch.vertex_ids] = solved.points
         mu[patch.face_ids] = solved.mu
-    return z, mu
+    return points, mu
+
+
+def as_coordinates(z: ComplexArray, used: BoolArray) -> FloatArray:
+    """Coordinates (V, 2) of z (V,); vertices used by no face at the origin."""
+    return np.column_stack([np.where(used, z.real, 0.0), np.where(used, z.imag, 0.0)])
+
+
+def used_vertices(mesh: Mesh) -> BoolArray:
+    """Which vertices (V,) some face uses."""
+    used = np.zeros(len(mesh.vertices), bool)
+    used[mesh.faces.reshape(-1)] = True
+    return used
+
+
+def turn_to_surface(mesh: Mesh, points: FloatArray) -> FloatArray:
+    """Rotate a map to the sphere (V, 3) so that it faces the way the surface does.
+
+    The rotation that brings the points closest to the directions of the surface's faces from its centre, weighted by area.
+    """
+    areas = face_areas(mesh.vertices, mesh.faces)
+    corners = mesh.vertices[mesh.faces].mean(axis=1)
+    outward = corners - np.average(corners, axis=0, weights=areas)
+    image = points[mesh.faces].mean(axis=1)
+    u, _, v = np.linalg.svd((image * areas[:, None]).T @ outward)
+    turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
+    turned: FloatArray = points @ turn
+    return turned / np.linalg.norm(turned, axis=1)[:, None]
 
 
 def place(mesh: Mesh, z: ComplexArray, boundary: IntArray) -> FloatArray:
@@ -30,8 +62,4 @@ def place(mesh: Mesh, z: ComplexArray, boundary: IntArray) -> FloatArray:
     axis = np.exp(-0.5j * np.angle(np.sum(centred[boundary] ** 2)))
     area = abs(signed_area(mesh.faces, z))
     scale = np.sqrt(face_areas(mesh.vertices, mesh.faces).sum() / area) if area > 0 else 1.0
-    placed = centred * axis * scale
-    used = np.zeros(len(z), bool)
-    used[mesh.faces.reshape(-1)] = True
-    placed[~used] = 0.0
-    return np.column_stack([placed.real, placed.imag])
+    return as_coordinates(centred * axis * scale, used_vertices(mesh))

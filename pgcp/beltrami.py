@@ -65,6 +65,78 @@ def folded_faces(faces: IntArray, z: ComplexArray) -> IntArray:
     return np.flatnonzero(folded)
 
 
+@numba.njit(cache=True, error_model="numpy")
+def beltrami_coefficients_on_sphere(vertices: FloatArray, faces: IntArray, points: FloatArray) -> ComplexArray:
+    """Beltrami coefficient of every face (F,) of the map vertices (V, 3) -> points (V, 3) on the unit sphere.
+
+    Between the face and its chordal triangle, both flattened isometrically; the triangle is turned over where it faces
+    inwards. Charts as in ``beltrami_coefficients``.
+    """
+    chart = np.zeros(3, np.complex128)
+    corners = np.array([[0, 1, 2]])
+    surface = np.empty((3, 3))
+    out = np.empty(faces.shape[0], np.complex128)
+    for f in range(faces.shape[0]):
+        a, b, c = points[faces[f, 0]], points[faces[f, 1]], points[faces[f, 2]]
+        ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        length = np.sqrt(ux * ux + uy * uy + uz * uz)
+        height = np.sqrt(nx * nx + ny * ny + nz * nz) / length
+        chart[1] = length
+        chart[2] = complex((ux * vx + uy * vy + uz * vz) / length, np.copysign(height, nx * a[0] + ny * a[1] + nz * a[2]))
+        for i in range(3):
+            surface[i] = vertices[faces[f, i]]
+        out[f] = beltrami_coefficients(surface, corners, chart)[0]
+    return out
+
+
+@numba.njit(cache=True)
+def _volumes(faces: IntArray, points: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Six times the volume of the tetrahedron of each face and the origin, and where rounding may change its sign."""
+    out = np.empty(faces.shape[0])
+    unsure = np.empty(faces.shape[0], np.bool_)
+    for f in range(faces.shape[0]):
+        a, b, c = points[faces[f, 0]], points[faces[f, 1]], points[faces[f, 2]]
+        ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        out[f] = nx * a[0] + ny * a[1] + nz * a[2]
+        size = (abs(uy * vz) + abs(uz * vy)) * abs(a[0]) + (abs(uz * vx) + abs(ux * vz)) * abs(a[1])
+        size += (abs(ux * vy) + abs(uy * vx)) * abs(a[2])
+        unsure[f] = abs(out[f]) <= _ROUNDING * size
+    return out, unsure
+
+
+def folded_faces_on_sphere(faces: IntArray, points: FloatArray) -> IntArray:
+    """Indices of faces whose image on the sphere does not face outwards, decided exactly where rounding could mislead.
+
+    The sign of det(a, b, c) is that of the spherical triangle with these corners, and of the chordal triangle's normal.
+    """
+    volume, unsure = _volumes(faces, points)
+    folded = volume <= 0.0
+    for f in np.flatnonzero(unsure):
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = (tuple(Fraction(x) for x in row) for row in points[faces[f]].tolist())
+        folded[f] = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx) <= 0
+    return np.flatnonzero(folded)
+
+
+@numba.njit(cache=True)
+def covering_degree(faces: IntArray, points: FloatArray) -> float:
+    """How often the sphere is covered: signed areas of all spherical triangles over 4 pi (van Oosterom, Strackee 1983)."""
+    total = 0.0
+    for f in range(faces.shape[0]):
+        a, b, c = points[faces[f, 0]], points[faces[f, 1]], points[faces[f, 2]]
+        ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+        volume = (uy * vz - uz * vy) * a[0] + (uz * vx - ux * vz) * a[1] + (ux * vy - uy * vx) * a[2]
+        ab = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+        bc = b[0] * c[0] + b[1] * c[1] + b[2] * c[2]
+        ca = c[0] * a[0] + c[1] * a[1] + c[2] * a[2]
+        total += 2.0 * np.arctan2(volume, 1.0 + ab + bc + ca)
+    return total / (4.0 * np.pi)
+
+
 def signed_area(faces: IntArray, z: ComplexArray) -> float:
     """Signed area of the image, summed over all faces."""
     return float(_signed_areas(faces, z)[0].sum())

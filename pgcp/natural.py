@@ -198,6 +198,15 @@ def _integrate(node_count: int, edges: IntArray, steps: ComplexArray) -> Complex
     return out
 
 
+def loop_edges(edges: IntArray, loop: IntArray, node_count: int) -> IntArray:
+    """Numbers (B,) of the edges (M, 2) along a closed loop (B,) of nodes, the first from loop[0] to loop[1]."""
+    after = np.roll(loop, -1)
+    keys = edges.min(axis=1) * node_count + edges.max(axis=1)
+    order = np.argsort(keys)
+    found: IntArray = order[np.searchsorted(keys[order], np.minimum(loop, after) * node_count + np.maximum(loop, after))]
+    return found
+
+
 def natural_boundary(
     z: ComplexArray, edges: IntArray, lengths: FloatArray, loop: IntArray, corners: IntArray, strength: float = 1.0
 ) -> ComplexArray:
@@ -210,11 +219,9 @@ def natural_boundary(
     s = z[loop]
     after = np.roll(loop, -1)
     n = len(z)
-    keys = edges.min(axis=1) * n + edges.max(axis=1)
-    order = np.argsort(keys)
-    loop_edges = order[np.searchsorted(keys[order], np.minimum(loop, after) * n + np.maximum(loop, after))]
-    log_scale = np.log(np.abs(z[after] - s) / lengths[loop_edges])
-    log_scale -= np.average(log_scale, weights=lengths[loop_edges])
+    outer = loop_edges(edges, loop, n)
+    log_scale = np.log(np.abs(z[after] - s) / lengths[outer])
+    log_scale -= np.average(log_scale, weights=lengths[outer])
     group = -(-len(corners) // _MAX_PANELS)
     starts = np.append(corners[::group], len(loop))
     steps = np.abs(np.roll(s, -1) - s)
@@ -223,7 +230,7 @@ def natural_boundary(
     x, y = np.append(s.real, s.real[0]), np.append(s.imag, s.imag[0])
     density = np.linalg.solve(_angle_matrix(x, y, starts, reach), -strength * data)
     own = np.full(len(edges), -1, np.int64)
-    own[loop_edges] = np.arange(len(loop))
+    own[outer] = np.arange(len(loop))
     middle = 0.5 * (z[edges[:, 0]] + z[edges[:, 1]])
     phi = _cauchy(middle, own, x, y, starts, reach, density)
     return _integrate(n, edges, (z[edges[:, 1]] - z[edges[:, 0]]) * np.exp(phi))

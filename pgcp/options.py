@@ -7,7 +7,8 @@ from pathlib import Path
 
 from pgcp.errors import InputError
 
-TARGETS = ("free",)
+TARGETS = ("auto", "free", "disk", "sphere")
+MOEBIUS = ("auto", "none", "area", "angle")
 FLATTENERS = ("dncp", "scp")
 DEFAULT_PATCHES = 6
 _FEWEST_FACES = 100
@@ -18,6 +19,9 @@ class Options:
     """Options of a run.
 
     patches: how many, None for 6 or fewer on a small mesh; workers: 0 for serial, else processes on this machine;
+    target: free, disk or sphere, or auto for free on an open and sphere on a closed surface; centre: vertex that goes to
+    the centre of the disk or the north pole of the sphere; moebius: correction of the finished map, none, least area
+    distortion, least angle error (disk), or auto for what serves the target;
     scheduler or scheduler_file: a running dask cluster; cuts: a file of cut edges; repair_cuts: mend parts that are
     no disks; flatten: dncp or scp; backend: auto, pardiso or superlu; seed: of the partition; store: directory shared
     with the workers; factor_cache_bytes: what factors one process may keep between the passes.
@@ -25,7 +29,9 @@ class Options:
 
     patches: int | None = None
     workers: int = 0
-    target: str = "free"
+    target: str = "auto"
+    centre: int | None = None
+    moebius: str = "auto"
     scheduler: str | None = None
     scheduler_file: Path | None = None
     cuts: Path | None = None
@@ -45,6 +51,10 @@ class Options:
             raise InputError(f"seed is {self.seed}, it must be 0 or more")
         if self.target not in TARGETS:
             raise InputError(f"unknown target {self.target!r}; choose from {', '.join(TARGETS)}")
+        if self.moebius not in MOEBIUS:
+            raise InputError(f"unknown Moebius correction {self.moebius!r}; choose from {', '.join(MOEBIUS)}")
+        if self.centre is not None and self.centre < 0:
+            raise InputError(f"centre is vertex {self.centre}, it must be 0 or more")
         if self.flatten not in FLATTENERS:
             raise InputError(f"unknown flattening {self.flatten!r}; choose from {', '.join(FLATTENERS)}")
         if self.scheduler is not None and self.scheduler_file is not None:
@@ -52,8 +62,8 @@ class Options:
         if self.factor_cache_bytes < 0:
             raise InputError(f"factor_cache_bytes is {self.factor_cache_bytes}, it must be 0 or more")
 
-    def patch_count(self, face_count: int) -> int:
-        """Return the patches asked for, or else 6, or fewer so that each has 100 faces."""
+    def patch_count(self, face_count: int, fewest: int = 1) -> int:
+        """Return the patches asked for, or else 6, or fewer so that each has 100 faces, but at least ``fewest``."""
         if self.patches is not None:
             return self.patches
-        return max(1, min(DEFAULT_PATCHES, face_count // _FEWEST_FACES))
+        return max(fewest, min(DEFAULT_PATCHES, face_count // _FEWEST_FACES))

@@ -16,8 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from pgcp.assemble import collect, place
-from pgcp.beltrami import beltrami_coefficients
+from pgcp.assemble import as_coordinates, collect, place, turn_to_surface, used_vertices
+from pgcp.beltrami import beltrami_coefficients, beltrami_coefficients_on_sphere
+from pgcp.constrain import constrain_to_disk, constrain_to_sphere, keep_free
+from pgcp.correct import centre_on, correct
 from pgcp.dirichlet import choose_backend
 from pgcp.errors import DegenerateError, FoldError, InputError, NotManifoldError, NotSimplyConnectedError, WeldFailedError
 from pgcp.executors import DaskExecutor, Executor, Progress, SerialExecutor, silent
@@ -28,12 +30,26 @@ from pgcp.quality import measure_quality
 from pgcp.repair import repair_folds
 from pgcp.split import Split, cut_patch, split_mesh
 from pgcp.store import PatchStore
-from pgcp.tasks import Job, SolveReport, flatten_task, relax_task, solve_task, weld_task
+from pgcp.tasks import Job, SolveReport, flatten_task, relax_task, solve_task, weld_closed_task, weld_task
 from pgcp.topology import Topology, examine
-from pgcp.types import BoundaryCurve, ComplexArray, Mesh, Parameterization, Patch, PatchMap
-from pgcp.weld import Component, start_component
+from pgcp.types import (
+    BoolArray,
+    BoundaryCurve,
+    Component,
+    ComplexArray,
+    FloatArray,
+    IntArray,
+    Mesh,
+    Parameterization,
+    Patch,
+    PatchMap,
+    SeamPositions,
+)
+from pgcp.weld import start_component
 
 _ATTEMPTS = 3
+_CONSTRAIN = {"free": keep_free, "disk": constrain_to_disk, "sphere": constrain_to_sphere}
+_CORRECTION = {"free": "none", "disk": "area", "sphere": "area"}
 _PACKAGES = ("pgcp", "numpy", "scipy", "numba", "networkx", "dask", "distributed", "pymetis", "mkl")
 
 
@@ -64,22 +80,36 @@ def as_mesh(source: Any) -> Mesh:
     raise InputError(f"expected a mesh, a path or a trimesh, not {type(source).__name__}")
 
 
-def check_mesh(mesh: Mesh) -> Topology:
-    """Examine a mesh and refuse one that is not an open disk.
+def _target(name: str, topology: Topology, target: str) -> str:
+    """Which target is meant; raises NotSimplyConnectedError where the mesh does not allow it."""
+    if topology.is_disk and target != "sphere":
+        return "free" if target == "auto" else target
+    if topology.is_sphere and target in ("auto", "sphere"):
+        return "sphere"
+    what = f"{name} is {topology.describe()}"
+    if topology.is_disk:
+        raise NotSimplyConnectedError(f"{what}, which the target sphere does not fit; use target free or disk")
+    if topology.is_sphere:
+        raise NotSimplyConnectedError(f"{what}, which the target {target} does not fit; use target sphere")
+    raise NotSimplyConnectedError(
+        f"{what}; no target fits it: free and disk need one open disk with one boundary loop, "
+        "sphere one closed surface of genus 0"
+    )
+
+
+def check_mesh(mesh: Mesh, target: str = "auto") -> tuple[Topology, str]:
+    """Examine a mesh; returns its topology and the target that ``target`` (which may be auto) means for it.
 
     Raises NotManifoldError, NotSimplyConnectedError or DegenerateError, saying what the mesh is and where it is wrong.
     """
     topology = examine(mesh.faces, len(mesh.vertices))
     if topology.defects:
         raise NotManifoldError(f"{mesh.name}: {topology.defects[0].message}")
-    if not topology.is_disk:
-        raise NotSimplyConnectedError(
-            f"{mesh.name} is {topology.describe()}; the free-boundary map needs one open disk with one boundary loop"
-        )
+    meant = _target(mesh.name, topology, target)
     areas = face_areas(mesh.vertices, mesh.faces)
     if not areas.sum() > 0:
         raise DegenerateError(f"{mesh.name}: all faces have zero area")
-    return topology
+    return topology, meant
 
 
 def _refuse_flat_faces(mesh: Mesh) -> None:
@@ -105,19 +135,19 @@ def _weld_all(
         return union, notes
     for number, level in enumerate(split.plan.levels, 1):
         pairs = [(components.pop(step.left), components.pop(step.right)) for step in level]
-        for step, union in zip(level, executor.map(f"weld {number}", weld_task, pairs), strict=True):
+        task = weld_closed_task if level[0].closed else weld_task
+        for step, union in zip(level, executor.map(f"weld {number}", task, pairs), strict=True):
             components[step.result] = union
             notes.append({"left": step.left, "right": step.right, "level": step.level, "seam_edges": step.seam_edge_count})
     (union,) = components.values()
     return union, notes
 
 
-def _positions(union: Component, vertex_count: int) -> ComplexArray:
-    """Positions (V,) of all seam and boundary vertices."""
-    z = np.zeros(vertex_count, np.complex128)
-    on_mesh = union.nodes < vertex_count
-    z[union.nodes[on_mesh]] = union.z[on_mesh]
-    return z
+def _spread_out(seams: SeamPositions, vertex_count: int) -> ComplexArray | FloatArray:
+    """Positions of all seam and boundary vertices in an array over all vertices, complex (V,) or (V, 3)."""
+    out = np.zeros((vertex_count, *seams.points.shape[1:]), seams.points.dtype)
+    out[seams.vertex_ids] = seams.points
+    return out
 
 
 def _versions() -> dict[str, str]:
@@ -135,10 +165,10 @@ def _plain(options: Options) -> dict[str, Any]:
 
 
 def parameterize(source: Any, *, progress: Progress = silent, **options: Any) -> Parameterization:
-    """Map an open simply connected surface conformally to the plane, boundary free, patch by patch (PGCP Algorithm 3).
+    """Map a simply connected surface conformally to the plane, the unit disk or the unit sphere (PGCP Algorithm 3).
 
     source: a Mesh, a path, or a trimesh.Trimesh. options: those of ``Options`` (patches, 6 or fewer on a small
-    mesh; workers=0, target="free", flatten="dncp", ...). progress(stage, done, total) is called as tasks finish.
+    mesh; workers=0, target="auto", flatten="dncp", ...). progress(stage, done, total) is called as tasks finish.
 
     Raises InputError (and its kinds) for input that cannot be mapped, NumericalError where a step fails; FoldError,
     whose ``result`` holds the map, where the finished map has folded faces.
@@ -158,12 +188,13 @@ class _Mapped:
     curves: list[BoundaryCurve]
     solved: list[SolveReport]
     welds: list[dict[str, int]]
-    z: ComplexArray
+    seams: SeamPositions
+    points: ComplexArray | FloatArray
     mu: ComplexArray
 
 
-def _map_patches(mesh: Mesh, split: Split, job: Job, executor: Executor, clock: _Clock) -> _Mapped:
-    """Store, flatten, weld, solve and collect the patches of one split."""
+def _map_patches(mesh: Mesh, split: Split, target: str, job: Job, executor: Executor, clock: _Clock) -> _Mapped:
+    """Store, flatten, weld, constrain, solve and collect the patches of one split."""
     store = PatchStore(job.directory)
     patches = []
     with clock.stage("store"):
@@ -175,33 +206,82 @@ def _map_patches(mesh: Mesh, split: Split, job: Job, executor: Executor, clock: 
         curves = executor.map("flatten", partial(flatten_task, job), range(split.patch_count))
     with clock.stage("weld"):
         union, welds = _weld_all(executor, mesh, split, curves)
-        positions = _positions(union, len(mesh.vertices))
+    with clock.stage("constrain"):
+        seams = _CONSTRAIN[target](union)
+        positions = _spread_out(seams, len(mesh.vertices))
     with clock.stage("solve"):
         items = [(p.index, positions[p.vertex_ids[p.boundary]]) for p in patches]
         solved = executor.map("solve", partial(solve_task, job), items)
     with clock.stage("assemble"):
         maps = (PatchMap(s.patch, *store.read_map(s.patch), s.fold_count, s.mu_max) for s in solved)
-        z, mu = collect(mesh, zip(patches, maps, strict=True))
-    return _Mapped(split, patches, curves, solved, welds, z, mu)
+        points, mu = collect(mesh, zip(patches, maps, strict=True), target)
+    return _Mapped(split, patches, curves, solved, welds, seams, points, mu)
 
 
 def _map_with_retries(
-    mesh: Mesh, topology: Topology, options: Options, job: Job, executor: Executor, clock: _Clock
+    mesh: Mesh, topology: Topology, target: str, options: Options, job: Job, executor: Executor, clock: _Clock
 ) -> tuple[_Mapped, list[dict[str, Any]]]:
     """Map the patches; where a weld fails, try again with patches of another seed, unless the cuts are the user's."""
     cuts = read_cuts(options.cuts) if options.cuts is not None else None
-    count = options.patch_count(len(mesh.faces))
+    count = options.patch_count(len(mesh.faces), 2 if target == "sphere" else 1)
     failures: list[dict[str, Any]] = []
     while True:
         seed = options.seed + len(failures)
         with clock.stage("split"):
             split = split_mesh(mesh, topology, count, seed, cuts, options.repair_cuts)
         try:
-            return _map_patches(mesh, split, replace(job, run=f"{job.run}-{len(failures)}"), executor, clock), failures
+            job_now = replace(job, run=f"{job.run}-{len(failures)}")
+            return _map_patches(mesh, split, target, job_now, executor, clock), failures
         except WeldFailedError as problem:
             failures.append({"seed": seed, "reason": str(problem)})
             if cuts is not None or split.patch_count == 1 or len(failures) == _ATTEMPTS:
                 raise
+
+
+def _check_centre(mesh: Mesh, options: Options, target: str) -> None:
+    """Refuse a centre that the target or the mesh has not."""
+    if options.centre is None:
+        return
+    if target == "free":
+        raise InputError("the target free has no centre; --centre goes with the targets disk and sphere")
+    if target == "disk" and options.moebius in ("area", "angle"):
+        raise InputError("a vertex at the centre leaves no Moebius correction of the disk to choose")
+    if options.centre >= len(mesh.vertices):
+        raise InputError(f"{mesh.name}: the centre is vertex {options.centre}, but the mesh has {len(mesh.vertices)} vertices")
+    if not used_vertices(mesh)[options.centre]:
+        raise InputError(f"{mesh.name}: the centre is vertex {options.centre}, which no face uses")
+
+
+def _coefficients(mesh: Mesh, faces: IntArray, points: ComplexArray | FloatArray) -> ComplexArray:
+    """Beltrami coefficients of some faces, in the plane or on the sphere."""
+    measure = beltrami_coefficients if points.ndim == 1 else beltrami_coefficients_on_sphere
+    mu: ComplexArray = measure(mesh.vertices, faces, points)
+    return mu
+
+
+def _finish(
+    mesh: Mesh, points: ComplexArray | FloatArray, target: str, boundary: IntArray, options: Options
+) -> tuple[FloatArray, bool, dict[str, Any] | None]:
+    """Moebius correction, centre and placement: coordinates, whether shapes changed, and the correction's record."""
+    used: BoolArray = used_vertices(mesh)
+    method = _CORRECTION[target] if options.moebius == "auto" else options.moebius
+    record = None
+    if method != "none" and not (target == "disk" and options.centre is not None):
+        points, correction = correct(mesh, points, target, method, boundary, np.flatnonzero(used))
+        record = asdict(correction)
+    if target == "sphere":
+        coordinates = turn_to_surface(mesh, np.asarray(points, np.float64))
+        if options.centre is not None:
+            coordinates = np.asarray(centre_on(coordinates, options.centre, boundary), np.float64)
+        coordinates[~used] = [0.0, 0.0, 1.0]
+        return coordinates, record is not None, record
+    if target == "free":
+        return place(mesh, points, boundary), record is not None, record
+    if options.centre is not None:
+        points = centre_on(points, options.centre, boundary)
+    points = points * np.conj(points[boundary[0]])
+    points[boundary] /= np.abs(points[boundary])
+    return as_coordinates(points, used), record is not None or options.centre is not None, record
 
 
 def compute(source: Any, options: Options, progress: Progress = silent) -> Parameterization:
@@ -212,7 +292,8 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
     with clock.stage("read"):
         mesh = as_mesh(source)
     with clock.stage("check"):
-        topology = check_mesh(mesh)
+        topology, target = check_mesh(mesh, options.target)
+        _check_centre(mesh, options, target)
         _refuse_flat_faces(mesh)
     with (
         tempfile.TemporaryDirectory(prefix="pgcp-", dir=options.store) as directory,
@@ -220,11 +301,16 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
     ):
         clock.executor = executor
         job = Job(run, Path(directory), options.flatten, backend, options.factor_cache_bytes)
-        mapped, failures = _map_with_retries(mesh, topology, options, job, executor, clock)
+        mapped, failures = _map_with_retries(mesh, topology, target, options, job, executor, clock)
+        boundary = topology.loops[0] if topology.loops else np.empty(0, np.int64)
         with clock.stage("repair"):
-            z, touched, repair = repair_folds(mesh, mapped.z)
-            mapped.mu[touched] = beltrami_coefficients(mesh.vertices, mesh.faces[touched], z)
-            coordinates = place(mesh, z, topology.loops[0])
+            fixed = boundary if target == "disk" else boundary[:0]
+            points, touched, repair = repair_folds(mesh, mapped.points, fixed)
+            mapped.mu[touched] = _coefficients(mesh, mesh.faces[touched], points)
+        with clock.stage("finish"):
+            coordinates, moved, correction = _finish(mesh, points, target, boundary, options)
+            if moved:
+                mapped.mu[:] = _coefficients(mesh, mesh.faces, coordinates if target == "sphere" else coordinates @ [1.0, 1.0j])
         description = executor.describe()
     clock.executor = SerialExecutor()
     with clock.stage("measure"):
@@ -242,11 +328,15 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         "welds": mapped.welds,
         "retries": failures,
         "boundary_points": int(mapped.split.edges.parts.sum()),
+        "target": target,
+        "smallest_gap": mapped.seams.smallest_gap,
+        "spread_points": mapped.seams.spread_count,
+        "correction": correction,
         "repairs": [asdict(repair)] if repair is not None else [],
         "quality": asdict(quality),
         "status": "good" if quality.folds == 0 else "folded",
     }
-    return Parameterization(mesh, coordinates, mapped.split.labels, mapped.mu, quality, report)
+    return Parameterization(mesh, coordinates, mapped.split.labels, mapped.mu, quality, target, report)
 
 
 def _patch_rows(mapped: _Mapped) -> list[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""Repair folds in a finished planar map by moving the few vertices around them.
+"""Repair folds in a finished map by moving the few vertices around them.
 
 The signed areas of the faces around a vertex are linear in its position x, so the x that makes the smallest of them
 (relative to the area each face has on the surface) as large as possible is a linear programme in three unknowns
@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linprog
 
-from pgcp.beltrami import folded_faces
+from pgcp.beltrami import folded_faces, folded_faces_on_sphere
+from pgcp.mobius import rotation_to_north
 from pgcp.operators import face_areas
 from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh
 
@@ -22,6 +23,7 @@ _MOST_FRACTION = 0.005
 _ALWAYS = 10
 _ENOUGH = 0.1
 _STEPS = np.linspace(0.05, 1.0, 20)
+_LOWEST = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,35 +82,66 @@ def _better_place(x: complex, p: ComplexArray, q: ComplexArray, surface: FloatAr
     return goal
 
 
-def repair_folds(mesh: Mesh, z: ComplexArray) -> tuple[ComplexArray, IntArray, Repair | None]:
+def _fold_list(faces: IntArray, points: ComplexArray | FloatArray) -> IntArray:
+    return folded_faces(faces, points) if points.ndim == 1 else folded_faces_on_sphere(faces, points)
+
+
+def _move_in_plane(z: ComplexArray, vertex: int, p: IntArray, q: IntArray, surface: FloatArray) -> complex | None:
+    """Better place of a vertex in the plane, where a face around it is folded."""
+    here, one, two = complex(z[vertex]), z[p], z[q]
+    if (np.imag(np.conj(one - here) * (two - here)) > 0).all():
+        return None
+    return _better_place(here, one, two, surface)
+
+
+def _move_on_sphere(points: FloatArray, vertex: int, p: IntArray, q: IntArray, surface: FloatArray) -> FloatArray | None:
+    """The same on the sphere, in the gnomonic chart about the star: great circles are its straight lines."""
+    star = np.vstack([points[vertex], points[p], points[q]])
+    middle = star[1:].mean(axis=0)
+    rotation = rotation_to_north(middle / np.linalg.norm(middle))
+    turned = star @ rotation.T
+    if turned[:, 2].min() < _LOWEST:
+        return None
+    chart = (turned[:, 0] + 1j * turned[:, 1]) / turned[:, 2]
+    place = _move_in_plane(chart, 0, np.arange(len(p)) + 1, np.arange(len(q)) + 1 + len(p), surface)
+    if place is None:
+        return None
+    moved = np.array([place.real, place.imag, 1.0]) @ rotation
+    back: FloatArray = moved / np.linalg.norm(moved)
+    return back
+
+
+def repair_folds(
+    mesh: Mesh, points: ComplexArray | FloatArray, fixed: IntArray
+) -> tuple[ComplexArray | FloatArray, IntArray, Repair | None]:
     """Move vertices of folded faces until no face is folded, or no move helps.
 
-    z (V,) positions. Returns new positions, the faces (sorted) whose image changed, and what was done: None where
-    there was no fold. Many folds (over half a percent of the faces) are left as they are: then the map is wrong, and moving
-    vertices would only hide it.
+    points: complex (V,) in the plane or unit vectors (V, 3); fixed: vertices that must stay. Returns new positions, the
+    faces (sorted) whose image changed, and what was done: None where there was no fold. Many folds (over half a percent of
+    the faces) are left as they are: then the map is wrong, and moving vertices would only hide it.
     """
-    folded = folded_faces(mesh.faces, z)
+    folded = _fold_list(mesh.faces, points)
     before = len(folded)
     if before == 0:
-        return z, folded, None
+        return points, folded, None
     moved: set[int] = set()
     if before <= min(_MOST_FOLDS, max(_ALWAYS, _MOST_FRACTION * len(mesh.faces))):
-        z = z.copy()
+        points = points.copy()
         surface = face_areas(mesh.vertices, mesh.faces)
+        move = _move_in_plane if points.ndim == 1 else _move_on_sphere
         for _ in range(_ROUNDS):
             vertices = np.unique(mesh.faces[folded])
             near = np.flatnonzero(np.isin(mesh.faces, vertices).any(axis=1))
             changed = False
-            for vertex in vertices.tolist():
+            for vertex in np.setdiff1d(vertices, fixed).tolist():
                 around, p, q = _star(mesh.faces, near, vertex)
-                place = _better_place(complex(z[vertex]), z[p], z[q], surface[around])
-                still = np.imag(np.conj(z[p] - z[vertex]) * (z[q] - z[vertex])) <= 0
-                if place is not None and still.any():
-                    z[vertex] = place
+                place = move(points, vertex, p, q, surface[around])
+                if place is not None:
+                    points[vertex] = place
                     moved.add(vertex)
                     changed = True
-            folded = folded_faces(mesh.faces, z)
+            folded = _fold_list(mesh.faces, points)
             if len(folded) == 0 or not changed:
                 break
     touched = np.flatnonzero(np.isin(mesh.faces, np.array(sorted(moved), np.int64)).any(axis=1))
-    return z, touched, Repair("local untangling", before, len(folded), len(moved))
+    return points, touched, Repair("local untangling", before, len(folded), len(moved))

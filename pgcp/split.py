@@ -70,11 +70,12 @@ def _edge_table(mesh: Mesh, twins: IntArray, labels: IntArray) -> EdgeTable:
     return EdgeTable(keys, _subdivision(keys // count, keys % count, count), count)
 
 
-def plan_welds(table: SeamTable, patch_count: int) -> WeldPlan:
+def plan_welds(table: SeamTable, patch_count: int, closed: bool = False) -> WeldPlan:
     """Plan all welds before any is run: a binary tree over the patch graph.
 
     A pair can be welded where its intersection is one arc. In a disk made of disks such a pair always exists, and the
-    union is a disk again, so choosing greedily never runs into a dead end. Chosen is the pair whose union has the
+    union is a disk again, so choosing greedily never runs into a dead end; the same holds on a closed surface until two
+    disks are left, which share their whole boundary and are welded last. Chosen is the pair whose union has the
     shortest seams left around it: unions stay round, and no weld has to run up and down a long thin part. Raises
     PartitionInputError where no pair is left.
     """
@@ -85,9 +86,10 @@ def plan_welds(table: SeamTable, patch_count: int) -> WeldPlan:
     level = [0] * patch_count
     steps: list[WeldStep] = []
     for step in range(patch_count - 1):
+        last = closed and step == patch_count - 2
         contacts = table.contacts(relabel)
         border = np.bincount(contacts.pairs.reshape(-1), np.repeat(contacts.length, 2), minlength=patch_count)
-        usable = np.flatnonzero(contacts.is_arc)
+        usable = np.flatnonzero(contacts.is_circle if last else contacts.is_arc)
         if len(usable) == 0:
             left = sorted({name[label] for label in np.unique(relabel).tolist()})
             raise PartitionInputError(f"no two of the remaining components {left} share exactly one arc")
@@ -97,7 +99,7 @@ def plan_welds(table: SeamTable, patch_count: int) -> WeldPlan:
         p, q = (int(v) for v in pairs[best])
         result = patch_count + step
         new_level = 1 + max(level[p], level[q])
-        steps.append(WeldStep(name[p], name[q], result, new_level, int(contacts.edge_count[usable[best]])))
+        steps.append(WeldStep(name[p], name[q], result, new_level, int(contacts.edge_count[usable[best]]), last))
         graph.add_edge(name[p], result)
         graph.add_edge(name[q], result)
         relabel[relabel == q] = p
@@ -113,8 +115,11 @@ def split_mesh(
     """Split a mesh into disks, by graph partition or along the user's cut edges (N, 2).
 
     Raises PartitionInputError where the mesh cannot carry that many patches, or where cut edges leave parts that are not
-    disks and ``repair`` is not set.
+    disks and ``repair`` is not set. A closed mesh needs two patches at least.
     """
+    closed = not topology.loops
+    if closed and patch_count < 2 and cut_edges is None:
+        raise PartitionInputError("a closed surface needs at least 2 patches")
     try:
         if cut_edges is not None:
             labels = cut_labels(mesh.faces, topology.twins, cut_edges)
@@ -135,7 +140,7 @@ def split_mesh(
         table = seam_table(mesh.vertices, mesh.faces, topology.twins, labels)
     except PartitionError as problem:
         raise PartitionInputError(str(problem)) from problem
-    plan = plan_welds(table, patch_count)
+    plan = plan_welds(table, patch_count, closed)
     return Split(labels, patch_count, _edge_table(mesh, topology.twins, labels), plan)
 
 

@@ -35,9 +35,9 @@ class PatchStore:
     def write_map(self, solved: PatchMap) -> None:
         """Store a solved map's arrays."""
         with replacing(self._path("map", solved.patch)) as stream:
-            np.savez(stream, z=solved.z, mu=solved.mu)
+            np.savez(stream, points=solved.points, mu=solved.mu)
 
     def read_map(self, index: int) -> tuple[np.ndarray, np.ndarray]:
-        """Load z and mu of a solved map."""
+        """Load points and mu of a solved map."""
         with np.load(self._path("map", index)) as data:
-            return data["z"], data["mu"]
+            return data["points"], data["mu"]

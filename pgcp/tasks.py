@@ -15,12 +15,12 @@ from pgcp.errors import WeldFailedError
 from pgcp.flatten import flatten_boundary
 from pgcp.natural import crosses_itself
 from pgcp.operators import cotangent_laplacian
-from pgcp.solve import solve_patch
+from pgcp.solve import solve_patch, solve_patch_on_sphere
 from pgcp.split import cut_patch, split_mesh
 from pgcp.store import PatchStore
 from pgcp.topology import examine
-from pgcp.types import BoundaryCurve, ComplexArray, Mesh, Patch
-from pgcp.weld import Component, relax_boundary, run_welds, start_component, subdivide, weld_pair
+from pgcp.types import BoundaryCurve, Component, ComplexArray, FloatArray, Mesh, Patch
+from pgcp.weld import relax_boundary, run_welds, start_component, subdivide, weld_closed, weld_pair
 
 
 class FactorCache:
@@ -130,16 +130,25 @@ def weld_task(pair: tuple[Component, Component]) -> Component:
     return weld_pair(*pair)
 
 
-def solve_task(job: Job, item: tuple[int, ComplexArray]) -> SolveReport:
-    """Second pass: solve a stored patch with its welded boundary, from the factor kept here or made anew."""
-    index, boundary_z = item
+def weld_closed_task(pair: tuple[Component, Component]) -> Component:
+    """Weld the last two components of a closed surface."""
+    return weld_closed(*pair)
+
+
+def solve_task(job: Job, item: tuple[int, ComplexArray | FloatArray]) -> SolveReport:
+    """Second pass: solve a stored patch with its welded boundary, from the factor kept here or made anew.
+
+    The boundary is complex (n_B,) in the plane, or unit vectors (n_B, 3).
+    """
+    index, boundary = item
     store = PatchStore(job.directory)
     patch = store.read_patch(index)
     factor = _FACTORS.take((job.run, index))
     reused = factor is not None
     if factor is None:
         factor = factor_patch(patch, job.backend)
-    solved = solve_patch(patch, boundary_z, factor)
+    solve = solve_patch if boundary.ndim == 1 else solve_patch_on_sphere
+    solved = solve(patch, boundary, factor)
     factor.release()
     store.write_map(solved)
     return SolveReport(index, solved.fold_count, solved.mu_max, reused)

@@ -106,11 +106,47 @@ class BoundaryCurve:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Component:
+    """A welded union of patches.
+
+    nodes (N,) distinct node ids, below vertex_count those of mesh vertices, and z (N,) their positions; loop (B,) indices
+    into them, counter-clockwise, none where the union is closed (one position is then infinity); edges (M, 2) indices,
+    with their lengths (M,) on the surface.
+    """
+
+    nodes: IntArray
+    z: ComplexArray
+    loop: IntArray
+    edges: IntArray
+    lengths: FloatArray
+    vertex_count: int
+
+    @property
+    def corners(self) -> IntArray:
+        """Positions in the loop that hold mesh vertices, not inserted nodes."""
+        return np.flatnonzero(self.nodes[self.loop] < self.vertex_count)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeamPositions:
+    """Where the seam and boundary vertices lie in the target: vertex_ids (N,), points (N,) complex or (N, 3) unit vectors.
+
+    smallest_gap is the least distance between neighbours on the circle or sphere (0 for the plane); spread_count how many
+    of them had to be moved apart to be told from each other.
+    """
+
+    vertex_ids: IntArray
+    points: ComplexArray | FloatArray
+    smallest_gap: float = 0.0
+    spread_count: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class WeldStep:
     """Weld component ``left`` and component ``right`` into component ``result``.
 
     Components 0..K-1 are the patches; later ones are unions. ``level`` is the step's depth in the tree:
-    steps of one level are independent of each other.
+    steps of one level are independent of each other. A closed step joins two disks along their whole boundaries.
     """
 
     left: int
@@ -118,6 +154,7 @@ class WeldStep:
     result: int
     level: int
     seam_edge_count: int
+    closed: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,10 +173,13 @@ class WeldPlan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchMap:
-    """The solved map of one patch: z (Vp,) at its vertices, mu (Fp,) on its faces, and what the fold check saw."""
+    """The solved map of one patch, and what the fold check saw.
+
+    points: complex (Vp,) in the plane or unit vectors (Vp, 3) on the sphere; mu (Fp,) on its faces.
+    """
 
     patch: int
-    z: ComplexArray
+    points: ComplexArray | FloatArray
     mu: ComplexArray
     fold_count: int
     mu_max: float
@@ -150,7 +190,8 @@ class Quality:
     """How good a map is, over all 3F corners and F faces.
 
     Angles in degrees of |angle in the map - angle on the surface| (PGCP eq. 5.1); ``log_area_mean`` is the mean
-    of |d_area| (PGCP eq. 6.1); folds counts faces whose signed area in the map is not positive.
+    of |d_area| (PGCP eq. 6.1); folds counts faces whose signed area in the map is not positive, on the sphere seen from
+    outside. degree: how often a sphere is covered, None in the plane.
     """
 
     angle_mean_deg: float
@@ -162,15 +203,20 @@ class Quality:
     mu_max: float
     folds: int
     log_area_mean: float
+    degree: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Parameterization:
-    """The finished map: coordinates (V, 2), patch (F,), mu (F,), quality, and the report as plain data."""
+    """The finished map: coordinates, patch (F,), mu (F,), quality, and the report as plain data.
+
+    coordinates (V, 2) in the plane (targets free and disk) or unit vectors (V, 3) (target sphere).
+    """
 
     mesh: Mesh
     coordinates: FloatArray
     patch: IntArray
     mu: ComplexArray
     quality: Quality
+    target: str
     report: dict[str, Any] = field(repr=False, default_factory=dict)

@@ -7,13 +7,13 @@ weld joins two components whose outer loops share exactly one arc.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from pgcp.errors import WeldFailedError
 from pgcp.natural import crosses_itself, natural_boundary
-from pgcp.types import BoundaryCurve, ComplexArray, EdgeTable, FloatArray, IntArray, WeldStep
+from pgcp.types import BoundaryCurve, Component, ComplexArray, EdgeTable, FloatArray, IntArray, WeldStep
 from pgcp.zipper import close_arcs, open_arc, scale_variation
 
 SECTOR_LIMIT = 0.7 * np.pi
@@ -24,27 +24,6 @@ _BEST_POLES = 100
 _SAME_ARC = 1e-10
 _RELAX_STEPS = 12
 _LEAST_STRENGTH = 0.1
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Component:
-    """A welded union of patches.
-
-    nodes (N,) distinct node ids and z (N,) their positions; loop (B,) indices into them, counter-clockwise; edges
-    (M, 2) indices, with their lengths (M,) on the surface.
-    """
-
-    nodes: IntArray
-    z: ComplexArray
-    loop: IntArray
-    edges: IntArray
-    lengths: FloatArray
-    vertex_count: int
-
-    @property
-    def corners(self) -> IntArray:
-        """Positions in the loop that hold mesh vertices, not inserted nodes."""
-        return np.flatnonzero(self.nodes[self.loop] < self.vertex_count)
 
 
 def _edge_and_step(parts: IntArray) -> tuple[IntArray, IntArray]:
@@ -88,7 +67,8 @@ def start_component(curve: BoundaryCurve, vertices: FloatArray, table: EdgeTable
 def run_welds(components: dict[int, Component], steps: Iterable[WeldStep]) -> Component:
     """Run all steps of a plan one after the other and return the last union. Components no longer needed are dropped."""
     for step in steps:
-        components[step.result] = weld_pair(components.pop(step.left), components.pop(step.right))
+        weld = weld_closed if step.closed else weld_pair
+        components[step.result] = weld(components.pop(step.left), components.pop(step.right))
     (union,) = components.values()
     return union
 
@@ -135,13 +115,26 @@ def _sector(others: ComplexArray, side: float) -> float:
     return float(np.arctan2(others.real, side * others.imag).max(initial=0.0))
 
 
+def _one_scale(
+    a: ComplexArray, gaps_a: FloatArray, b: ComplexArray, gaps_b: FloatArray
+) -> tuple[ComplexArray, FloatArray, ComplexArray, FloatArray]:
+    """Scale both intermediate forms so that their seam points match in the log mean: the scale of either is free."""
+    if len(gaps_a) == 0:
+        return a, gaps_a, b, gaps_b
+    if not (gaps_a[0] > 0.0 and gaps_b[0] > 0.0):
+        raise WeldFailedError("a seam is so crowded at its start that its points cannot be told apart")
+    scale_a = np.exp(np.mean(np.log(np.cumsum(gaps_a))))
+    scale_b = np.exp(np.mean(np.log(np.cumsum(gaps_b))))
+    return a * scale_a, gaps_a / scale_a, b * scale_b, gaps_b / scale_b
+
+
 def _separate(
     a: ComplexArray, gaps_a: FloatArray, b: ComplexArray, gaps_b: FloatArray
 ) -> tuple[ComplexArray, FloatArray, ComplexArray, FloatArray, float, float]:
     """Make the two intermediate forms disjoint, and bring them to one scale.
 
     A fills a sector from the positive half-axis, B one from the negative. Where they would meet, the same power map
-    shrinks both so that a gap is left. The scale of either form is free: seam points are matched in the log mean.
+    shrinks both so that a gap is left.
     """
     wide_a, wide_b = _sector(a, 1.0), _sector(b, -1.0)
     if wide_a + wide_b > SECTOR_LIMIT:
@@ -149,13 +142,7 @@ def _separate(
         a, gaps_a = _power_about_half_axis(a, gaps_a, 1.0, power)
         b, gaps_b = _power_about_half_axis(b, gaps_b, -1.0, power)
         wide_a, wide_b = wide_a * power, wide_b * power
-    if len(gaps_a):
-        if not (gaps_a[0] > 0.0 and gaps_b[0] > 0.0):
-            raise WeldFailedError("a seam is so crowded at its start that its points cannot be told apart")
-        scale_a = np.exp(np.mean(np.log(np.cumsum(gaps_a))))
-        scale_b = np.exp(np.mean(np.log(np.cumsum(gaps_b))))
-        a, gaps_a, b, gaps_b = a * scale_a, gaps_a / scale_a, b * scale_b, gaps_b / scale_b
-    return a, gaps_a, b, gaps_b, wide_a, wide_b
+    return *_one_scale(a, gaps_a, b, gaps_b), wide_a, wide_b
 
 
 def _gap_fan(a: ComplexArray, b: ComplexArray, wide_a: float, wide_b: float) -> ComplexArray:
@@ -245,6 +232,37 @@ def weld_pair(left: Component, right: Component) -> Component:
     return relax_boundary(replace(union, z=z))
 
 
+def weld_closed(left: Component, right: Component) -> Component:
+    """Weld two components along their whole outer loops into a closed union (PGCP section 4.4.2).
+
+    Both loops are opened entirely, which leaves two quadrants; they meet along the real axis, the image of the loops' last
+    edge, and closing the imaginary axis makes them the extended plane. The loop's first point is at infinity. Raises
+    WeldFailedError where the loops are not the same or cannot be opened.
+    """
+    left, right = (relax_boundary(side) if len(side.loop) == len(side.nodes) else side for side in (left, right))
+    loop_left, loop_right = left.loop, right.loop[::-1]
+    nodes_left, nodes_right = left.nodes[loop_left], right.nodes[loop_right]
+    start = np.flatnonzero(nodes_right == nodes_left[0])
+    if len(start) == 1:
+        loop_right = np.roll(loop_right, -int(start[0]))
+    if not np.array_equal(nodes_left, right.nodes[loop_right]):
+        raise WeldFailedError("the last two components do not share their whole boundaries")
+    k = len(loop_left) - 1
+    union, sides = _join(left, right, loop_left, loop_right, k)
+    gaps_a, z_a, stuck_a = open_arc(left.z[loop_left], left.z[sides[0]], 1.0)
+    gaps_b, z_b, stuck_b = open_arc(right.z[loop_right], right.z[sides[1]], -1.0)
+    for stuck, side in ((stuck_a, left), (stuck_b, right)):
+        if stuck >= 0:
+            raise WeldFailedError(f"a boundary curve of {len(side.loop)} points crosses itself near its point {stuck}")
+    z_a, gaps_a, z_b, gaps_b = _one_scale(z_a, gaps_a, z_b, gaps_b)
+    arc, moved, stuck = close_arcs(gaps_a, gaps_b, np.concatenate([z_a, z_b]))
+    if stuck >= 0:
+        raise WeldFailedError(f"a closed seam of {k + 1} edges could not be closed at its point {stuck}")
+    if not (np.isfinite(arc).all() and np.isfinite(moved).all()):
+        raise WeldFailedError(f"welding along a closed seam of {k + 1} edges gave positions that are not finite")
+    return replace(union, z=np.concatenate([[np.inf], arc, moved]))
+
+
 def _join(
     left: Component, right: Component, loop_left: IntArray, loop_right: IntArray, k: int
 ) -> tuple[Component, tuple[IntArray, IntArray]]:
@@ -261,14 +279,16 @@ def _join(
     to_right[arc_right], to_right[rest_right] = np.arange(k + 1), k + 1 + len(rest_left) + np.arange(len(rest_right))
     nodes = np.concatenate([left.nodes[arc_left], left.nodes[rest_left], right.nodes[rest_right]])
     # the left loop runs n_0 .. n_k, rest; the right one, reversed, n_0 .. n_k, rest; the union n_k, left rest, n_0, right rest
+    closed = k == len(loop_left) - 1 == len(loop_right) - 1
     loop = np.concatenate([to_left[loop_left[k:]], [0], to_right[loop_right[k + 1 :]][::-1]])
     edges_right = to_right[right.edges]
-    welded = (edges_right.max(axis=1) <= k) & (np.abs(edges_right[:, 0] - edges_right[:, 1]) == 1)
-    start = int(np.flatnonzero(nodes[loop] < left.vertex_count)[0])
+    apart = np.abs(edges_right[:, 0] - edges_right[:, 1])
+    welded = (edges_right.max(axis=1) <= k) & ((apart == 1) | (closed & (apart == k)))
+    start = 0 if closed else int(np.flatnonzero(nodes[loop] < left.vertex_count)[0])
     union = Component(
         nodes=nodes,
         z=np.zeros(len(nodes), np.complex128),
-        loop=np.roll(loop, -start),
+        loop=loop[:0] if closed else np.roll(loop, -start),
         edges=np.concatenate([to_left[left.edges], edges_right[~welded]]),
         lengths=np.concatenate([left.lengths, right.lengths[~welded]]),
         vertex_count=left.vertex_count,

@@ -11,8 +11,9 @@ ROOT = Path(__file__).resolve().parents[1]
 LAYERS = [
     {"errors", "files"},
     {"types", "options"},
-    {"topology", "operators", "dirichlet_superlu", "dirichlet_pardiso", "dirichlet", "beltrami", "zipper", "natural"},
-    {"split", "flatten", "weld", "solve", "assemble", "quality", "repair"},
+    {"topology", "operators", "dirichlet_superlu", "dirichlet_pardiso", "dirichlet", "beltrami", "zipper", "natural",
+     "mobius", "geodesic", "distortion"},
+    {"split", "flatten", "weld", "constrain", "solve", "assemble", "quality", "repair", "correct"},
     {"store", "tasks", "executors", "io", "demo"},
     {"pipeline", "report"},
     {"cli"},

@@ -9,7 +9,7 @@ from pgcp.errors import InputError
 from pgcp.flatten import conformal_energy_matrix, flatten_boundary
 from pgcp.natural import natural_boundary
 from pgcp.operators import cotangent_laplacian
-from pgcp.quality import angle_errors
+from pgcp.distortion import angle_errors
 from pgcp.topology import examine
 
 

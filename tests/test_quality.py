@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from meshes import cap, grid
 
 from pgcp.beltrami import beltrami_coefficients, folded_faces
-from pgcp.quality import angle_errors, corner_angles, log_area_ratios, measure_quality
+from pgcp.distortion import angle_errors, corner_angles, log_area_ratios
+from pgcp.quality import measure_quality
 from pgcp.repair import repair_folds
 from pgcp.types import Mesh
 

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 
 from pgcp.operators import face_areas
-from pgcp.quality import angle_errors
+from pgcp.distortion import angle_errors
 from pgcp.types import FloatArray, IntArray, Parameterization
 
 _PIXELS = 800

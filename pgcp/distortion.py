@@ -1,0 +1,58 @@
+"""How a map distorts a surface, face by face: angles and areas (PGCP eq. 5.1, 6.1)."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from pgcp.operators import face_areas
+from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh
+
+
+def as_points(positions: ComplexArray | FloatArray) -> FloatArray:
+    """Points (V, 3) of positions in the plane, complex (V,) or (V, 2), or in space (V, 3)."""
+    if positions.ndim == 1:
+        return np.column_stack([positions.real, positions.imag, np.zeros(len(positions))])
+    if positions.shape[1] == 3:
+        return np.asarray(positions, np.float64)
+    return np.column_stack([positions, np.zeros(len(positions))])
+
+
+@numba.njit(cache=True)
+def corner_angles(vertices: FloatArray, faces: np.ndarray) -> FloatArray:
+    """Angle of every corner (F, 3), radians, by atan2 of cross and dot product."""
+    out = np.empty((faces.shape[0], 3))
+    for f in range(faces.shape[0]):
+        for i in range(3):
+            a, b, c = faces[f, i], faces[f, (i + 1) % 3], faces[f, (i + 2) % 3]
+            ux, uy, uz = (
+                vertices[b, 0] - vertices[a, 0],
+                vertices[b, 1] - vertices[a, 1],
+                vertices[b, 2] - vertices[a, 2],
+            )
+            vx, vy, vz = (
+                vertices[c, 0] - vertices[a, 0],
+                vertices[c, 1] - vertices[a, 1],
+                vertices[c, 2] - vertices[a, 2],
+            )
+            nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+            out[f, i] = np.arctan2(np.sqrt(nx * nx + ny * ny + nz * nz), ux * vx + uy * vy + uz * vz)
+    return out
+
+
+def angle_errors(mesh: Mesh, positions: ComplexArray | FloatArray) -> FloatArray:
+    """|angle in the map - angle on the surface| of every corner (F, 3), degrees (PGCP eq. 5.1); chords on the sphere."""
+    difference = corner_angles(as_points(positions), mesh.faces)
+    difference -= corner_angles(mesh.vertices, mesh.faces)
+    np.abs(difference, out=difference)
+    return np.degrees(difference, out=difference)
+
+
+def log_area_ratios(mesh: Mesh, positions: ComplexArray | FloatArray) -> FloatArray:
+    """d_area of every face (F,) (PGCP eq. 6.1); faces without area on either side get the largest finite value met."""
+    image, surface = face_areas(as_points(positions), mesh.faces), face_areas(mesh.vertices, mesh.faces)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.log(image / image.sum()) - np.log(surface / surface.sum())
+    finite = np.isfinite(ratio)
+    ratio[~finite] = np.abs(ratio[finite]).max(initial=0.0)
+    return ratio
