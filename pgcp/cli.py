@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pgcp.errors import InputError, NumericalError
-from pgcp.options import FLATTENERS, TARGETS, Options
+from pgcp.options import FLATTENERS, MOEBIUS, TARGETS, Options
 from pgcp.types import Mesh, Parameterization
 
 GOOD, BUG, BAD_INPUT, NUMERICAL = 0, 1, 2, 3
@@ -23,7 +23,7 @@ def build_parser() -> argparse.ArgumentParser:
     """Build the command line's parser."""
     parser = argparse.ArgumentParser(
         prog="pgcp-run",
-        description="Map a triangle mesh conformally to the plane, patch by patch and in parallel.",
+        description="Map a triangle mesh conformally to the plane, the disk or the sphere, patch by patch and in parallel.",
         epilog="Exit status: 0 good, 2 bad input or usage, 3 numerical failure or folds, 1 a bug.",
     )
     parser.add_argument("mesh", nargs="?", type=Path, help="PLY, OBJ, STL, OFF, GLB or glTF file; without it, a built-in demo")
@@ -32,7 +32,13 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--scheduler", metavar="ADDRESS", help="use the running dask scheduler at this address")
     parser.add_argument("--scheduler-file", type=Path, metavar="FILE", help="use the dask scheduler this file describes")
     parser.add_argument("--store", type=Path, metavar="DIR", help="directory for patch files that all workers can open")
-    parser.add_argument("--target", choices=TARGETS, default="free", help="where to map: free boundary in the plane")
+    parser.add_argument(
+        "--target", choices=TARGETS, default="auto", help="plane with free boundary, disk or sphere; auto: by the surface"
+    )
+    parser.add_argument("--centre", type=int, metavar="VERTEX", help="vertex at the disk's centre or the sphere's north pole")
+    parser.add_argument(
+        "--moebius", choices=MOEBIUS, default="auto", help="correct the finished map for least area or angle distortion"
+    )
     parser.add_argument("--cuts", type=Path, metavar="FILE", help="cut along these edges: one pair of vertex ids a line")
     parser.add_argument("--repair-cuts", action="store_true", help="mend parts that the cuts leave and that are no disks")
     parser.add_argument("--flatten", choices=FLATTENERS, default="dncp", help="how patches are flattened (default dncp)")
@@ -101,6 +107,8 @@ def _check_only(mesh: Mesh) -> int:
     )
     if topology.unreferenced_count:
         print(f"  note: {topology.unreferenced_count} vertices are used by no face; they stay where they are in the order")
+    fitting = "free, disk" if topology.is_disk else "sphere" if topology.is_sphere else "none"
+    print(f"  targets that fit: {fitting}")
     for defect in topology.defects:
         print(f"  defect: {defect.message}")
     return GOOD if topology.is_disk or topology.is_sphere else BAD_INPUT
@@ -115,10 +123,10 @@ def _summary(result: Parameterization, seconds: float, directory: Path) -> str:
     stages = ", ".join(f"{s['name']} {s['seconds']:.2f}" for s in result.report["stages"])
     patches = _counted(len(result.report["patches"]), "patch", "patches")
     return (
-        f"{result.mesh.name}: {len(result.mesh.vertices)} vertices, {patches}, "
+        f"{result.mesh.name}: {len(result.mesh.vertices)} vertices, target {result.target}, {patches}, "
         f"{seconds:.1f} s ({stages})\n"
         f"  |angle error| mean {q.angle_mean_deg:.4f}, sd {q.angle_sd_deg:.4f}, max {q.angle_max_deg:.2f} degrees; "
-        f"folds {q.folds}\n"
+        f"folds {q.folds}{'' if q.degree is None else f', degree {q.degree:.0f}'}\n"
         f"  results in {directory}"
     )
 
@@ -128,6 +136,8 @@ def _options(arguments: argparse.Namespace) -> Options:
         patches=arguments.patches,
         workers=arguments.workers,
         target=arguments.target,
+        centre=arguments.centre,
+        moebius=arguments.moebius,
         scheduler=arguments.scheduler,
         scheduler_file=arguments.scheduler_file,
         cuts=arguments.cuts,

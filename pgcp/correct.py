@@ -31,7 +31,15 @@ from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh
 _ANGLE_SAMPLE = 20_000
 _SHARES = (1.0, 0.7, 0.5, 0.3, 0.15)
 _ANGLE_LIMIT = 1.01
-_LONGEST = 0.999
+_FOLD_FRACTION = 0.0005
+_WORTH = 0.99
+_LONGEST = 1.0 - 1e-12
+_SCAN_SAMPLE = 2000
+_SCAN_DIRECTIONS = 12
+_SCAN_AIMS = 48
+_SCAN_DISTANCES = (0.5, 1.0, 2.0, 3.0, 4.5, 6.0)
+_SIMPLEX = 0.3
+_DESCENT_STEPS = 80
 _CLOSEST = 1e-14
 
 Positions = ComplexArray | FloatArray
@@ -52,16 +60,30 @@ class Correction:
     angle_mean_before_deg: float
     angle_mean_after_deg: float
 
+    def undone(self) -> Correction:
+        """The record of a correction that was taken back."""
+        none = (0.0,) * len(self.parameter)
+        before = self.log_area_before, self.angle_mean_before_deg
+        return Correction(self.method, none, 0.0, before[0], before[0], before[1], before[1])
 
-def _family(positions: Positions, target: str, used: IntArray) -> Callable[[FloatArray], Positions]:
-    """The target's Moebius maps of the positions, by a vector in the unit ball; 0 is the identity."""
+
+def _in_ball(v: FloatArray) -> FloatArray:
+    """Point of the unit ball at hyperbolic distance 2 |v| from its centre, in the direction of v."""
+    size = float(np.linalg.norm(v))
+    return v * (np.tanh(size) / size) if size > 0 else v
+
+
+def _family(
+    positions: Positions, target: str, circle: tuple[complex, float] | None
+) -> Callable[[FloatArray], Positions]:
+    """The target's Moebius maps of the positions, by a vector v; 0 is the identity. ``circle`` holds a free map."""
     if target == "sphere":
-        return lambda b: boost(np.asarray(positions, np.float64), b)
+        return lambda v: boost(np.asarray(positions, np.float64), _in_ball(v))
     z = np.asarray(positions, np.complex128)
-    if target == "disk":
-        return lambda b: shift_disk(z, complex(b[0], b[1]))
-    middle, radius = _circle_around(z[used])
-    return lambda b: bend_plane((z - middle) / radius, complex(b[0], b[1]))
+    if circle is None:
+        return lambda v: shift_disk(z, complex(*_in_ball(v)))
+    middle, radius = circle
+    return lambda v: bend_plane((z - middle) / radius, complex(*_in_ball(v)))
 
 
 def _circle_around(z: ComplexArray) -> tuple[complex, float]:
@@ -74,39 +96,50 @@ def _least_area(mesh: Mesh, positions: Positions, target: str, used: IntArray) -
     sample = AreaSample(face_areas(mesh.vertices, mesh.faces), face_areas(as_points(positions), mesh.faces))
     centres = positions[mesh.faces[sample.chosen]].mean(axis=1)
     if target == "sphere":
-        return least_area_boost(centres / np.linalg.norm(centres, axis=1)[:, None], sample)
-    if target == "disk":
+        b = least_area_boost(centres / np.linalg.norm(centres, axis=1)[:, None], sample)
+    elif target == "disk":
         found = least_area_shift(centres, sample)
+        b = np.array([found.real, found.imag])
     else:
         middle, radius = _circle_around(positions[used])
         found = least_area_bend((centres - middle) / radius, sample)
-    return np.array([found.real, found.imag])
+        b = np.array([found.real, found.imag])
+    size = float(np.linalg.norm(b))
+    return b * (np.arctanh(min(size, _LONGEST)) / size) if size > 0 else b
 
 
 def _least_angle(mesh: Mesh, positions: Positions, target: str, used: IntArray) -> FloatArray:
-    """Nelder-Mead on the mean |angle error| of a sample of faces, as in CDCP section 4.3."""
+    """Least mean |angle error| of a sample of faces: a scan of the ball, then Nelder-Mead (CDCP section 4.3)."""
+    rng = np.random.default_rng(0)
     count = len(mesh.faces)
-    chosen = np.arange(count) if count <= _ANGLE_SAMPLE else np.random.default_rng(0).choice(count, _ANGLE_SAMPLE, False)
-    ids, corners = np.unique(mesh.faces[chosen], return_inverse=True)
-    faces = corners.reshape(-1, 3)
-    surface = corner_angles(mesh.vertices[ids], faces)
-    if target == "free":
-        move = _family(positions, target, used)
-        moved_sample: Callable[[FloatArray], Positions] = lambda b: move(b)[ids]
-    else:
-        moved_sample = _family(positions[ids], target, np.arange(len(ids)))
+    chosen = np.arange(count) if count <= _ANGLE_SAMPLE else rng.choice(count, _ANGLE_SAMPLE, False)
+    middle_radius = _circle_around(positions[used]) if target == "free" else None
 
-    def objective(u: FloatArray) -> float:
-        """Mean |angle error| of the sample, radians."""
-        b = u / np.sqrt(1.0 + u @ u)
-        return float(np.abs(corner_angles(as_points(moved_sample(b)), faces) - surface).mean())
+    def objective_on(face_ids: IntArray) -> Callable[[FloatArray], float]:
+        """Mean |angle error| (radians) of some faces as a function of the parameter."""
+        ids, corners = np.unique(mesh.faces[face_ids], return_inverse=True)
+        faces = corners.reshape(-1, 3)
+        surface = corner_angles(mesh.vertices[ids], faces)
+        move = _family(positions[ids], target, middle_radius)
+        return lambda v: float(np.abs(corner_angles(as_points(move(v)), faces) - surface).mean())
 
+    rough = objective_on(chosen[:: max(1, len(chosen) // _SCAN_SAMPLE)])
     k = 3 if target == "sphere" else 2
-    start = np.vstack([np.zeros(k), 0.2 * np.eye(k)])
-    options = {"initial_simplex": start, "xatol": 1e-4, "fatol": 1e-9, "maxiter": 200}
-    u = minimize(objective, np.zeros(k), method="Nelder-Mead", options=options).x
-    found: FloatArray = u / np.sqrt(1.0 + u @ u)
-    return found
+    directions = rng.normal(size=(_SCAN_DIRECTIONS, k))
+    # away from places on the surface: what is crowded there opens up only when aimed at
+    aims = as_points(positions)[mesh.faces[rng.choice(count, min(count, _SCAN_AIMS), False), 0], :k]
+    directions = np.vstack([directions, -aims if target == "sphere" else aims])
+    directions /= np.maximum(np.linalg.norm(directions, axis=1), 1e-300)[:, None]
+    def descend(objective: Callable[[FloatArray], float], start: FloatArray) -> tuple[float, FloatArray]:
+        """Least value found from a start, and where."""
+        simplex = np.vstack([start, start + _SIMPLEX * np.eye(k)])
+        options = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-8, "maxiter": _DESCENT_STEPS}
+        found = minimize(objective, start, method="Nelder-Mead", options=options)
+        return float(found.fun), found.x
+
+    starts = [np.zeros(k)] + [min((d * size for d in directions), key=rough) for size in _SCAN_DISTANCES]
+    best = min((descend(rough, start) for start in starts), key=lambda pair: pair[0])[1]
+    return descend(objective_on(chosen), best)[1]
 
 
 def _measured(mesh: Mesh, positions: Positions) -> tuple[float, float]:
@@ -124,6 +157,29 @@ def _is_in_order(z: Positions, boundary: IntArray) -> bool:
     return bool(np.abs(np.roll(z[boundary], -1) - z[boundary]).min() > _CLOSEST)
 
 
+def _try(
+    mesh: Mesh, positions: Positions, target: str, method: str, boundary: IntArray, used: IntArray, before: tuple[float, float]
+) -> tuple[Positions, Correction]:
+    area_before, angle_before = before
+    allowed = _folds(mesh, positions) + int(_FOLD_FRACTION * len(mesh.faces))
+    vector = (_least_area if method == "area" else _least_angle)(mesh, positions, target, used)
+    move = _family(positions, target, _circle_around(positions[used]) if target == "free" else None)
+    for share in _SHARES:
+        moved = move(share * vector)
+        if target == "disk":
+            moved[boundary] /= np.abs(moved[boundary])
+            if not _is_in_order(moved, boundary):
+                continue
+        if not np.isfinite(moved[used]).all() or _folds(mesh, moved) > allowed:
+            continue
+        area, angle = _measured(mesh, moved)
+        better = area < area_before and angle <= _ANGLE_LIMIT * angle_before if method == "area" else angle < angle_before
+        if better:
+            parameter = tuple(_in_ball(share * vector).tolist())
+            return moved, Correction(method, parameter, share, area_before, area, angle_before, angle)
+    return positions, Correction(method, (0.0,) * len(vector), 0.0, area_before, area_before, angle_before, angle_before)
+
+
 def correct(
     mesh: Mesh, positions: Positions, target: str, method: str, boundary: IntArray, used: IntArray
 ) -> tuple[Positions, Correction]:
@@ -131,31 +187,17 @@ def correct(
 
     positions: complex (V,) or unit vectors (V, 3); boundary (B,) vertices of the loop, none on the sphere; used: ids of
     the vertices that faces use. The area correction is kept where it lowers the mean |d_area| of all faces, raises the
-    mean |angle error| by no more than 1 % and folds nothing, the angle correction where it lowers the mean |angle error|;
-    where the whole way does not do so, shorter ways are tried.
+    mean |angle error| by no more than 1 % and folds next to nothing, the angle correction where it lowers the mean |angle
+    error|; where the whole way does not do so, shorter ways are tried. Folds are to be repaired after it. ``auto`` is the angle correction where that gains more
+    than 1 %, else the area correction.
     """
-    area_before, angle_before = _measured(mesh, positions)
-    folds_before = _folds(mesh, positions)
-    parameter = (_least_area if method == "area" else _least_angle)(mesh, positions, target, used)
-    size = float(np.linalg.norm(parameter))
-    parameter = parameter * min(1.0, _LONGEST / max(size, _LONGEST))
-    move = _family(positions, target, used)
-    for share in _SHARES:
-        moved = move(share * parameter)
-        if target == "disk":
-            moved[boundary] /= np.abs(moved[boundary])
-            if not _is_in_order(moved, boundary):
-                continue
-        if not np.isfinite(moved[used]).all() or _folds(mesh, moved) > folds_before:
-            continue
-        area, angle = _measured(mesh, moved)
-        better = area < area_before and angle <= _ANGLE_LIMIT * angle_before if method == "area" else angle < angle_before
-        if better:
-            along = tuple((share * parameter).tolist())
-            return moved, Correction(method, along, share, area_before, area, angle_before, angle)
-    return positions, Correction(
-        method, (0.0,) * len(parameter), 0.0, area_before, area_before, angle_before, angle_before
-    )
+    before = _measured(mesh, positions)
+    if method == "auto":
+        moved, correction = _try(mesh, positions, target, "angle", boundary, used, before)
+        if correction.angle_mean_after_deg < _WORTH * correction.angle_mean_before_deg:
+            return moved, correction
+        method = "area"
+    return _try(mesh, positions, target, method, boundary, used, before)
 
 
 def centre_on(positions: Positions, vertex: int, boundary: IntArray) -> Positions:

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 from scipy.sparse import csr_array
 
-from pgcp.types import FloatArray, IntArray
+from pgcp.types import BoolArray, FloatArray, IntArray
 
 
 @numba.njit(cache=True)
@@ -57,11 +57,25 @@ def cotangent_laplacian(vertices: FloatArray, faces: IntArray) -> csr_array:
 
     The sign is that of the Dirichlet energy: E_D(u) = 1/2 u^T L u.
     """
-    weights = 0.5 * cotangents(vertices, faces)
+    tails, heads = faces[:, [1, 2, 0]].reshape(-1), faces[:, [2, 0, 1]].reshape(-1)
+    return _laplacian(tails, heads, 0.5 * cotangents(vertices, faces).reshape(-1), len(vertices))
+
+
+def positive_laplacian(vertices: FloatArray, faces: IntArray, chosen: BoolArray, least: float) -> tuple[csr_array, int]:
+    """Cotangent Laplacian with the weights of the chosen faces' (F,) edges raised to ``least``, and how many were raised.
+
+    With positive weights every inner vertex is a mean of its neighbours, which folds nothing inside a convex boundary
+    (Tutte 1963, Floater 2003).
+    """
     n = len(vertices)
-    tails = faces[:, [1, 2, 0]].reshape(-1)
-    heads = faces[:, [2, 0, 1]].reshape(-1)
-    values = weights.reshape(-1)
+    tails, heads = faces[:, [1, 2, 0]].reshape(-1), faces[:, [2, 0, 1]].reshape(-1)
+    keys, edge = np.unique(np.minimum(tails, heads) * n + np.maximum(tails, heads), return_inverse=True)
+    weights = np.bincount(edge, 0.5 * cotangents(vertices, faces).reshape(-1))
+    raised = (np.bincount(edge, np.repeat(chosen, 3)) > 0) & (weights < least)
+    return _laplacian(keys // n, keys % n, np.where(raised, least, weights), n), int(raised.sum())
+
+
+def _laplacian(tails: IntArray, heads: IntArray, values: FloatArray, n: int) -> csr_array:
     rows = np.concatenate([tails, heads, tails, heads])
     columns = np.concatenate([heads, tails, tails, heads])
     data = np.concatenate([-values, -values, values, values])

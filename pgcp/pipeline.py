@@ -19,7 +19,7 @@ import numpy as np
 from pgcp.assemble import as_coordinates, collect, place, turn_to_surface, used_vertices
 from pgcp.beltrami import beltrami_coefficients, beltrami_coefficients_on_sphere
 from pgcp.constrain import constrain_to_disk, constrain_to_sphere, keep_free
-from pgcp.correct import centre_on, correct
+from pgcp.correct import Correction, centre_on, correct
 from pgcp.dirichlet import choose_backend
 from pgcp.errors import DegenerateError, FoldError, InputError, NotManifoldError, NotSimplyConnectedError, WeldFailedError
 from pgcp.executors import DaskExecutor, Executor, Progress, SerialExecutor, silent
@@ -49,7 +49,7 @@ from pgcp.weld import start_component
 
 _ATTEMPTS = 3
 _CONSTRAIN = {"free": keep_free, "disk": constrain_to_disk, "sphere": constrain_to_sphere}
-_CORRECTION = {"free": "none", "disk": "area", "sphere": "area"}
+_CORRECTION = {"free": "none", "disk": "auto", "sphere": "auto"}
 _PACKAGES = ("pgcp", "numpy", "scipy", "numba", "networkx", "dask", "distributed", "pymetis", "mkl")
 
 
@@ -252,36 +252,43 @@ def _check_centre(mesh: Mesh, options: Options, target: str) -> None:
         raise InputError(f"{mesh.name}: the centre is vertex {options.centre}, which no face uses")
 
 
-def _coefficients(mesh: Mesh, faces: IntArray, points: ComplexArray | FloatArray) -> ComplexArray:
+def _coefficients(mesh: Mesh, faces: IntArray, coordinates: FloatArray) -> ComplexArray:
     """Beltrami coefficients of some faces, in the plane or on the sphere."""
-    measure = beltrami_coefficients if points.ndim == 1 else beltrami_coefficients_on_sphere
-    mu: ComplexArray = measure(mesh.vertices, faces, points)
+    if coordinates.shape[1] == 3:
+        mu: ComplexArray = beltrami_coefficients_on_sphere(mesh.vertices, faces, coordinates)
+    else:
+        mu = beltrami_coefficients(mesh.vertices, faces, coordinates[:, 0] + 1j * coordinates[:, 1])
     return mu
 
 
-def _finish(
+def _corrected(
     mesh: Mesh, points: ComplexArray | FloatArray, target: str, boundary: IntArray, options: Options
-) -> tuple[FloatArray, bool, dict[str, Any] | None]:
-    """Moebius correction, centre and placement: coordinates, whether shapes changed, and the correction's record."""
-    used: BoolArray = used_vertices(mesh)
+) -> tuple[ComplexArray | FloatArray, Correction | None]:
+    """The Moebius correction asked for; a vertex at the centre of the disk leaves none."""
     method = _CORRECTION[target] if options.moebius == "auto" else options.moebius
-    record = None
-    if method != "none" and not (target == "disk" and options.centre is not None):
-        points, correction = correct(mesh, points, target, method, boundary, np.flatnonzero(used))
-        record = asdict(correction)
+    if method == "none" or (target == "disk" and options.centre is not None):
+        return points, None
+    return correct(mesh, points, target, method, boundary, np.flatnonzero(used_vertices(mesh)))
+
+
+def _placed(
+    mesh: Mesh, points: ComplexArray | FloatArray, target: str, boundary: IntArray, options: Options
+) -> FloatArray:
+    """Coordinates (V, 2) or (V, 3) in the target's own position."""
+    used: BoolArray = used_vertices(mesh)
     if target == "sphere":
         coordinates = turn_to_surface(mesh, np.asarray(points, np.float64))
         if options.centre is not None:
             coordinates = np.asarray(centre_on(coordinates, options.centre, boundary), np.float64)
         coordinates[~used] = [0.0, 0.0, 1.0]
-        return coordinates, record is not None, record
+        return coordinates
     if target == "free":
-        return place(mesh, points, boundary), record is not None, record
+        return place(mesh, points, boundary)
     if options.centre is not None:
         points = centre_on(points, options.centre, boundary)
     points = points * np.conj(points[boundary[0]])
     points[boundary] /= np.abs(points[boundary])
-    return as_coordinates(points, used), record is not None or options.centre is not None, record
+    return as_coordinates(points, used)
 
 
 def compute(source: Any, options: Options, progress: Progress = silent) -> Parameterization:
@@ -303,14 +310,19 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         job = Job(run, Path(directory), options.flatten, backend, options.factor_cache_bytes)
         mapped, failures = _map_with_retries(mesh, topology, target, options, job, executor, clock)
         boundary = topology.loops[0] if topology.loops else np.empty(0, np.int64)
+        with clock.stage("correct"):
+            points, correction = _corrected(mesh, mapped.points, target, boundary, options)
         with clock.stage("repair"):
             fixed = boundary if target == "disk" else boundary[:0]
-            points, touched, repair = repair_folds(mesh, mapped.points, fixed)
-            mapped.mu[touched] = _coefficients(mesh, mesh.faces[touched], points)
-        with clock.stage("finish"):
-            coordinates, moved, correction = _finish(mesh, points, target, boundary, options)
-            if moved:
-                mapped.mu[:] = _coefficients(mesh, mesh.faces, coordinates if target == "sphere" else coordinates @ [1.0, 1.0j])
+            points, touched, repair = repair_folds(mesh, points, fixed)
+            if repair is not None and repair.folds_after and correction is not None and correction.share:
+                points, touched, repair = repair_folds(mesh, mapped.points, fixed)
+                correction = correction.undone()
+        with clock.stage("place"):
+            coordinates = _placed(mesh, points, target, boundary, options)
+            if (correction is not None and correction.share) or options.centre is not None:
+                touched = np.arange(len(mesh.faces))
+            mapped.mu[touched] = _coefficients(mesh, mesh.faces[touched], coordinates)
         description = executor.describe()
     clock.executor = SerialExecutor()
     with clock.stage("measure"):
@@ -331,7 +343,7 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         "target": target,
         "smallest_gap": mapped.seams.smallest_gap,
         "spread_points": mapped.seams.spread_count,
-        "correction": correction,
+        "correction": asdict(correction) if correction is not None else None,
         "repairs": [asdict(repair)] if repair is not None else [],
         "quality": asdict(quality),
         "status": "good" if quality.folds == 0 else "folded",
@@ -348,6 +360,8 @@ def _patch_rows(mapped: _Mapped) -> list[dict[str, Any]]:
             "boundary": len(p.boundary),
             "pieces": c.pieces,
             "folds": s.fold_count,
+            "folds_before_raising": s.first_fold_count,
+            "raised_weights": s.raised_weights,
             "mu_max": s.mu_max,
             "reused_factor": s.reused_factor,
         }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from pgcp.beltrami import (
@@ -10,47 +12,126 @@ from pgcp.beltrami import (
     folded_faces,
     folded_faces_on_sphere,
 )
-from pgcp.dirichlet import DirichletFactor
+from pgcp.dirichlet import DirichletFactor, eliminate_interior
 from pgcp.errors import SolveFailedError
 from pgcp.mobius import rotation_to_north, to_plane, to_sphere
-from pgcp.types import ComplexArray, FloatArray, Patch, PatchMap
+from pgcp.operators import positive_laplacian
+from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Patch, PatchMap
 
 _DIRECTIONS = 500
+_FEW = 2
+_FEW_FRACTION = 0.002
+_FIRST_REACH = 2
+_LEAST_WEIGHT = 1e-3
+_ENOUGH_DIGITS = np.log(1e-9)
+_WORTH_DIGITS = np.log(10.0)
+_WIDE = np.log(0.5)
+_SOUTH = np.array([0.0, 0.0, -1.0])
 
 
-def solve_patch(patch: Patch, boundary_z: ComplexArray, factor: DirichletFactor) -> PatchMap:
-    """Extend boundary positions (n_B,) harmonically (PGCP eq. 4.22) and look for folds.
+def solve_patch(patch: Patch, boundary: ComplexArray | FloatArray, factor: DirichletFactor, backend: str) -> PatchMap:
+    """Extend boundary positions harmonically (PGCP eq. 4.22) and look for folds.
 
-    A fold is a face whose image has no positive area; |mu| >= 1 says the same. Raises SolveFailedError where a position
-    is not finite.
+    boundary: complex (n_B,) in the plane, or unit vectors (n_B, 3). The Laplace equation is solved in the chart
+    1 / (z - c), c outside the patch, in which the scale of the patch's boundary varies least, or in z itself: a Moebius
+    image of a harmonic map is as conformal, and squeezed parts are resolved better; on the sphere no patch is solved across
+    infinity. A fold is a face whose image has no positive area; |mu| >= 1 says the same. Where there are more
+    than a few, the patch is solved again with weights made positive around them, farther and farther. Raises SolveFailedError
+    where no chart is found or a position is not finite.
     """
-    z = _extended(patch, boundary_z, factor)
-    mu = beltrami_coefficients(patch.vertices, patch.faces, z)
-    return PatchMap(patch.index, z, mu, len(folded_faces(patch.faces, z)), float(np.abs(mu).max()))
+    chart = _PlaneChart(patch, boundary) if boundary.ndim == 1 else _SphereChart(patch, boundary)
+    points = _solved(patch, chart, factor, boundary)
+    folded = chart.folded(points)
+    first, raised = len(folded), 0
+    reach = _FIRST_REACH
+    while len(folded) > max(_FEW, _FEW_FRACTION * len(patch.faces)) and reach is not None:
+        chosen = _around(patch.faces, folded, reach)
+        laplacian, count = positive_laplacian(patch.vertices, patch.faces, chosen, _LEAST_WEIGHT)
+        reach = None if chosen.all() else reach * 4
+        if count <= raised:
+            continue
+        other = eliminate_interior(laplacian, patch.boundary, backend)
+        tried = _solved(patch, chart, other, boundary)
+        other.release()
+        left = chart.folded(tried)
+        if len(left) < len(folded):
+            points, folded, raised = tried, left, count
+    mu = chart.coefficients(points)
+    return PatchMap(patch.index, points, mu, len(folded), float(np.abs(mu).max()), first, raised)
 
 
-def solve_patch_on_sphere(patch: Patch, boundary: FloatArray, factor: DirichletFactor) -> PatchMap:
-    """Extend boundary positions on the sphere (n_B, 3) harmonically in a stereographic chart and look for folds.
+def _around(faces: IntArray, start: IntArray, rings: int) -> BoolArray:
+    """Which faces (F,) are within so many rings of the given ones."""
+    chosen = np.zeros(len(faces), bool)
+    chosen[start] = True
+    for _ in range(rings):
+        touched = np.zeros(int(faces.max()) + 1, bool)
+        touched[faces[chosen].reshape(-1)] = True
+        grown = touched[faces].any(axis=1)
+        if np.array_equal(grown, chosen):
+            break
+        chosen = grown
+    return chosen
 
-    The chart's pole lies outside the patch, so the patch is not solved across infinity. Raises SolveFailedError where no
-    such chart is found or a position is not finite.
-    """
-    rotation = rotation_to_north(-_outside(patch, boundary))
-    z = _extended(patch, to_plane(boundary @ rotation.T), factor)
-    points = to_sphere(z) @ rotation
-    points[patch.boundary] = boundary
-    mu = beltrami_coefficients_on_sphere(patch.vertices, patch.faces, points)
-    return PatchMap(patch.index, points, mu, len(folded_faces_on_sphere(patch.faces, points)), float(np.abs(mu).max()))
+
+class _PlaneChart:
+    """The chart for a patch in the plane: z itself, or 1 / (z - c)."""
+
+    def __init__(self, patch: Patch, boundary_z: ComplexArray) -> None:
+        self._patch = patch
+        middle = boundary_z.mean()
+        radius = float(np.abs(boundary_z - middle).max())
+        pole = _outside(patch, to_sphere((boundary_z - middle) / radius), _SOUTH)
+        self._c = None if pole is _SOUTH else middle + radius * to_plane(pole[None, :])[0]
+        self.boundary = boundary_z if self._c is None else 1.0 / (boundary_z - self._c)
+
+    def points(self, z: ComplexArray) -> ComplexArray:
+        """Positions in the target of chart positions."""
+        if self._c is None:
+            return z
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return self._c + 1.0 / z
+
+    def folded(self, points: ComplexArray) -> IntArray:
+        """Folded faces."""
+        return folded_faces(self._patch.faces, points)
+
+    def coefficients(self, points: ComplexArray) -> ComplexArray:
+        """Beltrami coefficients of the faces."""
+        mu: ComplexArray = beltrami_coefficients(self._patch.vertices, self._patch.faces, points)
+        return mu
 
 
-def _extended(patch: Patch, boundary_z: ComplexArray, factor: DirichletFactor) -> ComplexArray:
-    """Harmonic extension, about the place where the boundary is most crowded: there most digits are needed."""
-    origin = boundary_z[int(np.argmin(np.abs(np.roll(boundary_z, -1) - boundary_z)))]
-    z = origin + factor.extend(boundary_z - origin)
-    if not np.isfinite(z).all():
+class _SphereChart:
+    """The chart for a patch on the sphere: a stereographic projection."""
+
+    def __init__(self, patch: Patch, boundary: FloatArray) -> None:
+        self._patch = patch
+        self._rotation = rotation_to_north(-_outside(patch, boundary))
+        self.boundary = to_plane(boundary @ self._rotation.T)
+
+    def points(self, z: ComplexArray) -> FloatArray:
+        """Positions in the target of chart positions."""
+        return to_sphere(z) @ self._rotation
+
+    def folded(self, points: FloatArray) -> IntArray:
+        """Folded faces."""
+        return folded_faces_on_sphere(self._patch.faces, points)
+
+    def coefficients(self, points: FloatArray) -> ComplexArray:
+        """Beltrami coefficients of the faces."""
+        mu: ComplexArray = beltrami_coefficients_on_sphere(self._patch.vertices, self._patch.faces, points)
+        return mu
+
+
+def _solved(patch: Patch, chart: Any, factor: DirichletFactor, given: Any) -> Any:
+    """Harmonic extension in a chart, about the place where the boundary is most crowded: there most digits are needed."""
+    start = chart.boundary[int(np.argmin(np.abs(np.roll(chart.boundary, -1) - chart.boundary)))]
+    points = chart.points(start + factor.extend(chart.boundary - start))
+    points[patch.boundary] = given
+    if not np.isfinite(points).all():
         raise SolveFailedError(f"the harmonic map of patch {patch.index} is not finite")
-    z[patch.boundary] = boundary_z
-    return z
+    return points
 
 
 def _even_directions(count: int) -> FloatArray:
@@ -61,11 +142,15 @@ def _even_directions(count: int) -> FloatArray:
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
 
 
-def _outside(patch: Patch, boundary: FloatArray) -> FloatArray:
+def _outside(patch: Patch, boundary: FloatArray, preferred: FloatArray | None = None) -> FloatArray:
     """Point of the sphere outside the patch from which its boundary is seen with the least variation of scale.
 
+    The preferred point, if any, is one of those compared; the point opposite the boundary's mean otherwise.
+
     The stereographic projection from c takes a chord |p - q| to |p - q| / (|p - c| |q - c|) up to one scale. The
-    boundary encloses the patch counter-clockwise in the chart exactly where c lies outside.
+    boundary encloses the patch counter-clockwise in the chart exactly where c lies outside. Where the patch is so
+    squeezed in one place that a chart keeps less than nine digits of its boundary's differences, one that keeps more is
+    taken.
     """
     surface = patch.vertices[patch.boundary]
     lengths = np.linalg.norm(np.roll(surface, -1, axis=0) - surface, axis=1)
@@ -73,17 +158,35 @@ def _outside(patch: Patch, boundary: FloatArray) -> FloatArray:
         log_ratio = np.log(np.linalg.norm(np.roll(boundary, -1, axis=0) - boundary, axis=1) / lengths)
     candidates = _even_directions(_DIRECTIONS)
     middle = boundary.mean(axis=0)
-    if np.linalg.norm(middle) > 0:
+    if preferred is not None:
+        candidates = np.vstack([preferred, candidates])
+    elif np.linalg.norm(middle) > 0:
         candidates = np.vstack([-middle / np.linalg.norm(middle), candidates])
     with np.errstate(divide="ignore"):
         near = 0.5 * np.log(np.maximum(2.0 - 2.0 * candidates @ boundary.T, 0.0))
+    log_chord = log_ratio + np.log(lengths)
     scale = log_ratio - near - np.roll(near, -1, axis=1)
+    # digits left in the chart: shortest edge to the farthest point, seen from where the boundary is most crowded
+    crowded = int(np.argmin(log_chord))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = 0.5 * np.log(np.maximum(2.0 - 2.0 * boundary @ boundary[crowded], 0.0)) - near
+        digits = (scale + np.log(lengths)).min(axis=1) - (reach.max(axis=1) - near[:, crowded])
     mean = (scale @ lengths) / lengths.sum()
     with np.errstate(invalid="ignore"):
         variation = ((scale - mean[:, None]) ** 2) @ lengths
-    variation[~np.isfinite(variation)] = np.inf
-    for number in np.argsort(variation, kind="stable"):
+    # from closer than this an edge is seen wide, and is no longer a short piece of a smooth curve
+    too_near = (log_chord - np.minimum(near, np.roll(near, -1, axis=1))).max(axis=1) > _WIDE
+    best, most_digits = None, -np.inf
+    for number in np.lexsort((variation, too_near)):
+        if not np.isfinite(variation[number]):
+            continue
+        if digits[number] <= most_digits + _WORTH_DIGITS:
+            continue
         z = to_plane(boundary @ rotation_to_north(-candidates[number]).T)
-        if np.isfinite(variation[number]) and np.imag(np.conj(z) * np.roll(z, -1)).sum() > 0:
-            return candidates[number]
-    raise SolveFailedError(f"no point of the sphere was found outside patch {patch.index}")
+        if np.imag(np.conj(z) * np.roll(z, -1)).sum() > 0:
+            best, most_digits = int(number), digits[number]
+            if most_digits > _ENOUGH_DIGITS:
+                break
+    if best is None:
+        raise SolveFailedError(f"no point of the sphere was found outside patch {patch.index}")
+    return preferred if preferred is not None and best == 0 else candidates[best]

@@ -15,7 +15,7 @@ from pgcp.errors import WeldFailedError
 from pgcp.flatten import flatten_boundary
 from pgcp.natural import crosses_itself
 from pgcp.operators import cotangent_laplacian
-from pgcp.solve import solve_patch, solve_patch_on_sphere
+from pgcp.solve import solve_patch
 from pgcp.split import cut_patch, split_mesh
 from pgcp.store import PatchStore
 from pgcp.topology import examine
@@ -72,6 +72,8 @@ class SolveReport:
 
     patch: int
     fold_count: int
+    first_fold_count: int
+    raised_weights: int
     mu_max: float
     reused_factor: bool
 
@@ -147,8 +149,7 @@ def solve_task(job: Job, item: tuple[int, ComplexArray | FloatArray]) -> SolveRe
     reused = factor is not None
     if factor is None:
         factor = factor_patch(patch, job.backend)
-    solve = solve_patch if boundary.ndim == 1 else solve_patch_on_sphere
-    solved = solve(patch, boundary, factor)
+    solved = solve_patch(patch, boundary, factor, job.backend)
     factor.release()
     store.write_map(solved)
-    return SolveReport(index, solved.fold_count, solved.mu_max, reused)
+    return SolveReport(index, solved.fold_count, solved.first_fold_count, solved.raised_weights, solved.mu_max, reused)

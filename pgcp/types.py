@@ -175,7 +175,8 @@ class WeldPlan:
 class PatchMap:
     """The solved map of one patch, and what the fold check saw.
 
-    points: complex (Vp,) in the plane or unit vectors (Vp, 3) on the sphere; mu (Fp,) on its faces.
+    points: complex (Vp,) in the plane or unit vectors (Vp, 3) on the sphere; mu (Fp,) on its faces. fold_count folds are
+    left of first_fold_count, for which raised_weights weights of the Laplacian were made positive.
     """
 
     patch: int
@@ -183,6 +184,8 @@ class PatchMap:
     mu: ComplexArray
     fold_count: int
     mu_max: float
+    first_fold_count: int = 0
+    raised_weights: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -22,6 +22,8 @@ def _write_rows(stream: IO[bytes], form: str, rows: np.ndarray) -> None:
 
 
 def _write_obj(path: Path, mesh: Mesh, uv: FloatArray | None) -> None:
+    if uv is not None and uv.shape[1] != 2:
+        raise BadFileError(f"{path}: an OBJ file has place for planar texture coordinates only")
     with replacing(path) as stream:
         _write_rows(stream, "v %.9g %.9g %.9g\n", mesh.vertices)
         numbers = mesh.faces.astype(np.int64) + 1
@@ -34,13 +36,15 @@ def _write_obj(path: Path, mesh: Mesh, uv: FloatArray | None) -> None:
 
 def _write_ply(path: Path, mesh: Mesh, uv: FloatArray | None) -> None:
     fields: list[tuple[str, str]] = [("x", "<f8"), ("y", "<f8"), ("z", "<f8")]
-    if uv is not None:
-        fields += [("s", "<f4"), ("t", "<f4")]
+    names = () if uv is None else ("s", "t") if uv.shape[1] == 2 else ("sx", "sy", "sz")
+    kind = "<f8" if len(names) == 3 else "<f4"
+    fields += [(name, kind) for name in names]
     vertex = np.empty(len(mesh.vertices), fields)
     for axis, name in enumerate("xyz"):
         vertex[name] = mesh.vertices[:, axis]
     if uv is not None:
-        vertex["s"], vertex["t"] = uv[:, 0], uv[:, 1]
+        for axis, name in enumerate(names):
+            vertex[name] = uv[:, axis]
     face = np.empty(len(mesh.faces), [("n", "u1"), ("v", "<i4", (3,))])
     face["n"], face["v"] = 3, mesh.faces
     types = {"<f8": "double", "<f4": "float"}
@@ -54,7 +58,11 @@ def _write_ply(path: Path, mesh: Mesh, uv: FloatArray | None) -> None:
 
 
 def write_mesh(path: str | Path, mesh: Mesh, uv: FloatArray | None = None) -> None:
-    """Write a mesh as .obj or .ply, with texture coordinates uv (V, 2) if given, in the mesh's own order."""
+    """Write a mesh as .obj or .ply, in its own order, with coordinates uv of a map if given.
+
+    uv (V, 2) become ``vt`` or ``s, t``, the customary texture coordinates; uv (V, 3) on the sphere ``sx, sy, sz`` (.ply
+    only).
+    """
     path = Path(path)
     writers = {".obj": _write_obj, ".ply": _write_ply}
     if path.suffix.lower() not in writers:
@@ -74,8 +82,12 @@ def write_outputs(directory: Path, stem: str, result: Parameterization, picture:
     paths = [directory / f"{stem}{suffix}" for suffix in (".npz", ".obj", ".ply", ".png")] + [directory / "report.json"]
     faces: IntArray = result.mesh.faces
     with replacing(paths[0]) as stream:
-        np.savez(stream, uv=result.coordinates, faces=faces, patch=result.patch, mu=result.mu)
-    write_mesh(paths[1], result.mesh, result.coordinates)
+        key = "sphere" if result.target == "sphere" else "uv"
+        np.savez(stream, **{key: result.coordinates}, faces=faces, patch=result.patch, mu=result.mu)
+    if result.target == "sphere":
+        write_mesh(paths[1], Mesh(result.coordinates, result.mesh.faces, stem))
+    else:
+        write_mesh(paths[1], result.mesh, result.coordinates)
     write_mesh(paths[2], result.mesh, result.coordinates)
     with replacing(paths[3]) as stream:
         stream.write(picture)

@@ -1,87 +1,35 @@
-"""One picture of a finished map: the surface with a checkerboard, the map by patch, the histogram of angle errors."""
+"""One picture of a finished map: the surface with a checkerboard, the map, the histogram of angle errors."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
 from typing import Any
 
-import numba
 import numpy as np
 
+from pgcp.distortion import angle_errors, as_points
 from pgcp.operators import face_areas
-from pgcp.distortion import angle_errors
+from pgcp.report.raster import rasterise
 from pgcp.types import FloatArray, IntArray, Parameterization
 
-_PIXELS = 800
 _CHECKS = 48
-Paint = Callable[[IntArray, FloatArray], FloatArray]
 
 
-def _view(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Rotate to the flattest view, from the side most faces look to, z (or y) upright; x right, y up, z to the eye."""
+def _view_rotation(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Rotation (3, 3) to the flattest view, from the side most faces look to, z (or y) upright.
+
+    Rows: to the right, up, towards the eye.
+    """
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     normal = np.cross(b - a, c - a).sum(axis=0)
-    centred = vertices - vertices[faces.reshape(-1)].mean(axis=0)
-    sample = centred[faces[:: max(1, len(faces) // 50_000), 0]]
+    sample = vertices[faces[:: max(1, len(faces) // 50_000), 0]]
+    sample = sample - sample.mean(axis=0)
     _, axes = np.linalg.eigh(sample.T @ sample)
     towards = axes[:, 0] if normal @ axes[:, 0] >= 0 else -axes[:, 0]
     up = np.array([0.0, 0.0, 1.0]) if abs(towards[2]) < 0.7 else np.array([0.0, 1.0, 0.0])
     up = up - towards * (towards @ up)
     up = up / np.linalg.norm(up)
-    return centred @ np.array([np.cross(up, towards), up, towards]).T
-
-
-@numba.njit(cache=True)
-def _visible(screen: FloatArray, faces: IntArray, size: int) -> tuple[IntArray, FloatArray]:
-    """Face seen in each pixel (size, size), -1 for none, and its barycentric weights there (size, size, 3).
-
-    screen (V, 3): pixel column, pixel row upwards, height towards the eye. Faces smaller than a pixel show at their centre.
-    """
-    seen = np.full((size, size), -1, np.int64)
-    weights = np.zeros((size, size, 3))
-    height = np.full((size, size), -np.inf)
-    for f in range(faces.shape[0]):
-        a, b, c = screen[faces[f, 0]], screen[faces[f, 1]], screen[faces[f, 2]]
-        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-        x0, x1 = int(np.ceil(min(a[0], b[0], c[0]))), int(np.floor(max(a[0], b[0], c[0])))
-        y0, y1 = int(np.ceil(min(a[1], b[1], c[1]))), int(np.floor(max(a[1], b[1], c[1])))
-        if x1 - x0 <= 1 and y1 - y0 <= 1:
-            x, y = int(np.rint((a[0] + b[0] + c[0]) / 3.0)), int(np.rint((a[1] + b[1] + c[1]) / 3.0))
-            z = (a[2] + b[2] + c[2]) / 3.0
-            if z > height[y, x]:
-                seen[y, x], height[y, x] = f, z
-                weights[y, x, :] = 1.0 / 3.0
-        if area == 0.0:
-            continue
-        for y in range(y0, y1 + 1):
-            for x in range(x0, x1 + 1):
-                u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / area
-                v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / area
-                w = 1.0 - u - v
-                if min(u, v, w) < -1e-9:
-                    continue
-                z = u * a[2] + v * b[2] + w * c[2]
-                if z > height[y, x]:
-                    seen[y, x], height[y, x] = f, z
-                    weights[y, x, 0], weights[y, x, 1], weights[y, x, 2] = u, v, w
-    return seen, weights
-
-
-def _rasterise(points: FloatArray, faces: IntArray, paint: Paint) -> FloatArray:
-    """Image (n, n, 3) of faces seen along -z; paint(face_ids (m,), weights (m, 3)) gives the colours (m, 3) of pixels."""
-    mark = np.zeros(len(points), bool)
-    mark[faces.reshape(-1)] = True
-    used = points[mark, :2]
-    low, high = used.min(axis=0), used.max(axis=0)
-    scale = (_PIXELS - 20) / (high - low).max()
-    screen = points.copy()
-    screen[:, :2] = (points[:, :2] - low) * scale + 0.5 * (_PIXELS - (high - low) * scale)
-    seen, weights = _visible(screen, np.asarray(faces, np.int64), _PIXELS)
-    image = np.ones((_PIXELS, _PIXELS, 3))
-    shown = seen >= 0
-    image[shown] = paint(seen[shown], weights[shown])
-    return image[::-1]
+    return np.array([np.cross(up, towards), up, towards])
 
 
 def _checker(values: FloatArray) -> FloatArray:
@@ -92,39 +40,55 @@ def _checker(values: FloatArray) -> FloatArray:
     return np.clip(base * values[:, 2:3], 0.0, 1.0)
 
 
-def _brightness(points: FloatArray, faces: IntArray) -> FloatArray:
+def _normals(points: FloatArray, faces: IntArray) -> FloatArray:
+    """Unit normals (V, 3) of the vertices; 0 where there is none."""
     a, b, c = (points[faces[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
     smooth = np.column_stack([np.bincount(faces.reshape(-1), np.repeat(normals[:, k], 3), len(points)) for k in range(3)])
     length = np.linalg.norm(smooth, axis=1)
     length[length == 0] = 1.0
-    light = np.array([0.3, 0.4, 0.87])
-    return 0.45 + 0.6 * np.abs(smooth @ light / length)
+    return smooth / length[:, None]
 
 
 def _vertex_scale(result: Parameterization) -> FloatArray:
     """Length scale of the map at every vertex (V,), from the areas of the faces around it."""
     mesh = result.mesh
-    flat = np.column_stack([result.coordinates, np.zeros(len(result.coordinates))])
     ids = mesh.faces.reshape(-1)
     surface, image = (
-        np.bincount(ids, np.repeat(face_areas(points, mesh.faces), 3), len(mesh.vertices)) for points in (mesh.vertices, flat)
+        np.bincount(ids, np.repeat(face_areas(points, mesh.faces), 3), len(mesh.vertices))
+        for points in (mesh.vertices, as_points(result.coordinates))
     )
     return np.sqrt(np.maximum(image, 1e-300) / np.maximum(surface, 1e-300))
 
 
+def _mercator(values: FloatArray) -> FloatArray:
+    """Columns x, y, z, brightness, log2 scale (n, 5) to those of ``_checker``, by the conformal Mercator map.
+
+    Longitude and log of the stereographic radius, in turns, so that squares of 1/2, 1/4, ... of a turn fit around.
+    """
+    x, y, z = values[:, 0], values[:, 1], values[:, 2]
+    across = np.maximum(np.hypot(x, y), 1e-300)
+    turns = np.arctan2(y, x) / (2.0 * np.pi)
+    height = np.arcsinh(z / across) / (2.0 * np.pi)
+    log_scale = values[:, 4] - np.log2(across * 2.0 * np.pi)
+    return np.column_stack([turns, height, values[:, 3], np.minimum(log_scale, -1.0)])
+
+
 def _draw_surface(axes: Any, result: Parameterization) -> None:
     mesh = result.mesh
-    points = _view(mesh.vertices, mesh.faces)
-    extent = np.linalg.norm(np.ptp(points, axis=0)[:2])
+    rotation = _view_rotation(mesh.vertices, mesh.faces)
+    points = mesh.vertices @ rotation.T
+    extent = np.linalg.norm(np.ptp(points[mesh.faces.reshape(-1)], axis=0)[:2])
     log_scale = np.log2(_vertex_scale(result) * extent / _CHECKS)
-    values = np.column_stack([result.coordinates, _brightness(points, mesh.faces), log_scale])
+    brightness = 0.45 + 0.6 * np.abs(_normals(points, mesh.faces) @ [0.3, 0.4, 0.87])
+    values = np.column_stack([result.coordinates, brightness, log_scale])
+    to_checks = _mercator if result.target == "sphere" else np.asarray
 
     def paint(face_ids: IntArray, weights: FloatArray) -> FloatArray:
         """Checkerboard of the map."""
-        return _checker(np.einsum("mk,mkd->md", weights, values[mesh.faces[face_ids]]))
+        return _checker(to_checks(np.einsum("mk,mkd->md", weights, values[mesh.faces[face_ids]])))
 
-    axes.imshow(_rasterise(points, mesh.faces, paint), interpolation="antialiased")
+    axes.imshow(rasterise(points, mesh.faces, paint), interpolation="antialiased")
     axes.set_axis_off()
     axes.set_title("the surface, with a checkerboard of the map (squares double with the scale)", fontsize=8)
 
@@ -137,16 +101,31 @@ def _draw_map(axes: Any, result: Parameterization) -> None:
     rng = np.random.default_rng(1)
     hues = np.column_stack([rng.permutation(count) / count, np.full(count, 0.45), 0.75 + 0.25 * rng.random(count)])
     palette = hsv_to_rgb(hues)
-    flat = np.column_stack([uv, np.zeros(len(uv))])
 
     def paint(face_ids: IntArray, _weights: FloatArray) -> FloatArray:
         """Colour of the patch."""
         return palette[result.patch[face_ids]]
 
-    axes.imshow(_rasterise(flat, mesh.faces, paint), interpolation="antialiased")
+    axes.imshow(rasterise(as_points(uv), mesh.faces, paint), interpolation="antialiased")
     axes.set_axis_off()
     width, height = np.ptp(uv, axis=0)
     axes.set_title(f"the map, {count} patch{'es' if count > 1 else ''}, {width:.4g} x {height:.4g}", fontsize=9)
+
+
+def _draw_sphere(front: Any, back: Any, result: Parameterization) -> None:
+    """The sphere from the side the surface is shown from, and from behind, the surface's normals as colours."""
+    mesh = result.mesh
+    rotation = _view_rotation(mesh.vertices, mesh.faces)
+    colours = np.clip(0.5 + 0.5 * _normals(mesh.vertices @ rotation.T, mesh.faces), 0.0, 1.0)
+
+    def paint(face_ids: IntArray, weights: FloatArray) -> FloatArray:
+        """Normal of the surface."""
+        return np.einsum("mk,mkd->md", weights, colours[mesh.faces[face_ids]])
+
+    for axes, sides, title in ((front, [1, 1, 1], "front"), (back, [-1, 1, -1], "back")):
+        axes.imshow(rasterise(result.coordinates @ rotation.T * sides, mesh.faces, paint), interpolation="antialiased")
+        axes.set_axis_off()
+        axes.set_title(f"the sphere, {title}: colours are the surface's normals", fontsize=8)
 
 
 def _draw_histogram(axes: Any, result: Parameterization) -> None:
@@ -167,12 +146,13 @@ def draw(result: Parameterization) -> bytes:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(15, 5.2), dpi=110, layout="constrained")
+    on_sphere = result.target == "sphere"
+    figure = Figure(figsize=(20 if on_sphere else 15, 5.2), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
-    left, middle, right = figure.subplots(1, 3)
-    _draw_surface(left, result)
-    _draw_map(middle, result)
-    _draw_histogram(right, result)
+    first, *maps, last = figure.subplots(1, 4 if on_sphere else 3)
+    _draw_surface(first, result)
+    (_draw_sphere if on_sphere else _draw_map)(*maps, result)
+    _draw_histogram(last, result)
     mark = "" if result.quality.folds == 0 else f"  -  FOLDED: {result.quality.folds} faces"
     figure.suptitle(f"{result.mesh.name}{mark}", fontsize=11, color="black" if not mark else "#b5442c")
     out = io.BytesIO()
