@@ -8,18 +8,16 @@ import numpy as np
 
 from pgcp.beltrami import signed_area
 from pgcp.operators import face_areas
-from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, Patch, PatchMap
+from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, Patch, PatchMap, Positions
 
 
-def collect(
-    mesh: Mesh, parts: Iterable[tuple[Patch, PatchMap]], target: str
-) -> tuple[ComplexArray | FloatArray, ComplexArray]:
+def collect(mesh: Mesh, parts: Iterable[tuple[Patch, PatchMap]], target: str) -> tuple[Positions, ComplexArray]:
     """One array of positions, complex (V,) or unit vectors (V, 3), and one of Beltrami coefficients mu (F,).
 
     Vertices on seams have the same position in every patch that holds them. Vertices used by no face are at 0, on the
     sphere at the north pole.
     """
-    points: ComplexArray | FloatArray = np.zeros(len(mesh.vertices), np.complex128)
+    points: Positions = np.zeros(len(mesh.vertices), np.complex128)
     if target == "sphere":
         points = np.tile([0.0, 0.0, 1.0], (len(mesh.vertices), 1))
     mu = np.zeros(len(mesh.faces), np.complex128)

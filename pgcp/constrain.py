@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgcp.errors import WeldFailedError
+from pgcp.errors import SolveFailedError, WeldFailedError
 from pgcp.geodesic import balanced_centre, geodesic_map, roomiest_centre
 from pgcp.mobius import balance_sphere
-from pgcp.natural import loop_edges
+from pgcp.natural import crosses_itself, loop_edges
 from pgcp.types import Component, SeamPositions
 
 _CROWDED = 1e-12
 _FLOOR = 2e-14
+_LOST = 1e-18
+_TOO_LONG = (
+    "the surface has parts so long and thin that they would span less of the unit circle than double precision can tell; "
+    "target free can map it"
+)
 
 
 def keep_free(union: Component) -> SeamPositions:
@@ -25,7 +30,8 @@ def constrain_to_disk(union: Component) -> SeamPositions:
 
     The boundary's mean, weighted by length on the surface, comes to 0. Where that leaves boundary vertices too close to
     be told apart, the disk is centred where they have most room instead, and what is still too close is spread out.
-    Raises WeldFailedError where the boundary crosses itself.
+    Raises WeldFailedError where the boundary crosses itself, SolveFailedError where parts are so long and thin that the
+    circle has no room for them.
     """
     on_mesh = union.nodes < union.vertex_count
     inner = on_mesh.copy()
@@ -33,15 +39,21 @@ def constrain_to_disk(union: Component) -> SeamPositions:
     inside = np.flatnonzero(inner)
     plane = geodesic_map(union.z[union.loop], union.z[inside])
     if isinstance(plane, int):
+        if not crosses_itself(union.z[union.loop]):
+            raise SolveFailedError(_TOO_LONG)
         raise WeldFailedError(f"the welded boundary of {len(union.loop)} points crosses itself near its point {plane}")
     lengths = union.lengths[loop_edges(union.edges, union.loop, len(union.nodes))]
     centre = balanced_centre(plane, 0.5 * (lengths + np.roll(lengths, 1)))
+    if centre is None:
+        raise SolveFailedError(_TOO_LONG)
     corners = union.corners
     gaps = np.add.reduceat(plane.circle_gaps(centre), corners)
     if gaps.min() < _CROWDED:
         centre = roomiest_centre(plane, corners, centre)
         gaps = np.add.reduceat(plane.circle_gaps(centre), corners)
     smallest = float(gaps.min())
+    if smallest < _LOST:
+        raise SolveFailedError(_TOO_LONG)
     tight = gaps < _FLOOR
     gaps = np.where(tight, _FLOOR, gaps)
     angles = 2.0 * np.pi * np.concatenate([[0.0], np.cumsum(gaps[:-1])]) / gaps.sum()
@@ -55,7 +67,7 @@ def constrain_to_disk(union: Component) -> SeamPositions:
 
 def constrain_to_sphere(union: Component) -> SeamPositions:
     """Map a closed union to the unit sphere, the mean of its points, weighted by seam length, at 0 (PGCP section 4.4.2)."""
-    weights = np.bincount(union.edges.reshape(-1), np.repeat(union.lengths, 2), len(union.nodes))
+    weights = np.bincount(union.edges.reshape(-1), np.repeat(union.lengths, 2), len(union.nodes)).astype(np.float64)
     points, _ = balance_sphere(union.z, weights)
     if not np.isfinite(points).all():
         raise WeldFailedError("the map of the welded union to the sphere is not finite")

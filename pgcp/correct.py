@@ -26,11 +26,12 @@ from pgcp.mobius import (
     shift_disk,
 )
 from pgcp.operators import face_areas
-from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh
+from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Positions
 
 _ANGLE_SAMPLE = 20_000
 _SHARES = (1.0, 0.7, 0.5, 0.3, 0.15)
 _ANGLE_LIMIT = 1.01
+_UP = np.array([0.0, 0.0, 1.0])
 _FOLD_FRACTION = 0.0005
 _WORTH = 0.99
 _LONGEST = 1.0 - 1e-12
@@ -41,8 +42,6 @@ _SCAN_DISTANCES = (0.5, 1.0, 2.0, 3.0, 4.5, 6.0)
 _SIMPLEX = 0.3
 _DESCENT_STEPS = 80
 _CLOSEST = 1e-14
-
-Positions = ComplexArray | FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,9 +72,7 @@ def _in_ball(v: FloatArray) -> FloatArray:
     return v * (np.tanh(size) / size) if size > 0 else v
 
 
-def _family(
-    positions: Positions, target: str, circle: tuple[complex, float] | None
-) -> Callable[[FloatArray], Positions]:
+def _family(positions: Positions, target: str, circle: tuple[complex, float] | None) -> Callable[[FloatArray], Positions]:
     """The target's Moebius maps of the positions, by a vector v; 0 is the identity. ``circle`` holds a free map."""
     if target == "sphere":
         return lambda v: boost(np.asarray(positions, np.float64), _in_ball(v))
@@ -121,7 +118,16 @@ def _least_angle(mesh: Mesh, positions: Positions, target: str, used: IntArray) 
         faces = corners.reshape(-1, 3)
         surface = corner_angles(mesh.vertices[ids], faces)
         move = _family(positions[ids], target, middle_radius)
-        return lambda v: float(np.abs(corner_angles(as_points(move(v)), faces) - surface).mean())
+
+        def mean_error(v: FloatArray) -> float:
+            """Angles of a face turned over count as negative."""
+            points = as_points(move(v))
+            a, b, c = (points[faces[:, i]] for i in range(3))
+            outward = a if target == "sphere" else _UP
+            side = np.sign((np.cross(b - a, c - a) * outward).sum(axis=1))
+            return float(np.abs(corner_angles(points, faces) * side[:, None] - surface).mean())
+
+        return mean_error
 
     rough = objective_on(chosen[:: max(1, len(chosen) // _SCAN_SAMPLE)])
     k = 3 if target == "sphere" else 2
@@ -130,6 +136,7 @@ def _least_angle(mesh: Mesh, positions: Positions, target: str, used: IntArray) 
     aims = as_points(positions)[mesh.faces[rng.choice(count, min(count, _SCAN_AIMS), False), 0], :k]
     directions = np.vstack([directions, -aims if target == "sphere" else aims])
     directions /= np.maximum(np.linalg.norm(directions, axis=1), 1e-300)[:, None]
+
     def descend(objective: Callable[[FloatArray], float], start: FloatArray) -> tuple[float, FloatArray]:
         """Least value found from a start, and where."""
         simplex = np.vstack([start, start + _SIMPLEX * np.eye(k)])
@@ -188,8 +195,8 @@ def correct(
     positions: complex (V,) or unit vectors (V, 3); boundary (B,) vertices of the loop, none on the sphere; used: ids of
     the vertices that faces use. The area correction is kept where it lowers the mean |d_area| of all faces, raises the
     mean |angle error| by no more than 1 % and folds next to nothing, the angle correction where it lowers the mean |angle
-    error|; where the whole way does not do so, shorter ways are tried. Folds are to be repaired after it. ``auto`` is the angle correction where that gains more
-    than 1 %, else the area correction.
+    error|; where the whole way does not do so, shorter ways are tried. Folds are to be repaired after it. ``auto`` is the
+    angle correction where that gains more than 1 %, else the area correction.
     """
     before = _measured(mesh, positions)
     if method == "auto":

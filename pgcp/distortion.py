@@ -6,10 +6,10 @@ import numba
 import numpy as np
 
 from pgcp.operators import face_areas
-from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh
+from pgcp.types import FloatArray, Mesh, Positions
 
 
-def as_points(positions: ComplexArray | FloatArray) -> FloatArray:
+def as_points(positions: Positions) -> FloatArray:
     """Points (V, 3) of positions in the plane, complex (V,) or (V, 2), or in space (V, 3)."""
     if positions.ndim == 1:
         return np.column_stack([positions.real, positions.imag, np.zeros(len(positions))])
@@ -40,7 +40,7 @@ def corner_angles(vertices: FloatArray, faces: np.ndarray) -> FloatArray:
     return out
 
 
-def angle_errors(mesh: Mesh, positions: ComplexArray | FloatArray) -> FloatArray:
+def angle_errors(mesh: Mesh, positions: Positions) -> FloatArray:
     """|angle in the map - angle on the surface| of every corner (F, 3), degrees (PGCP eq. 5.1); chords on the sphere."""
     difference = corner_angles(as_points(positions), mesh.faces)
     difference -= corner_angles(mesh.vertices, mesh.faces)
@@ -48,7 +48,7 @@ def angle_errors(mesh: Mesh, positions: ComplexArray | FloatArray) -> FloatArray
     return np.degrees(difference, out=difference)
 
 
-def log_area_ratios(mesh: Mesh, positions: ComplexArray | FloatArray) -> FloatArray:
+def log_area_ratios(mesh: Mesh, positions: Positions) -> FloatArray:
     """d_area of every face (F,) (PGCP eq. 6.1); faces without area on either side get the largest finite value met."""
     image, surface = face_areas(as_points(positions), mesh.faces), face_areas(mesh.vertices, mesh.faces)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -17,6 +17,7 @@ from pgcp.types import ComplexArray, FloatArray
 from pgcp.zipper import open_arc
 
 _STEPS = 300
+_NEAREST = 1e-15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,9 +45,10 @@ class HalfPlane:
         """Boundary points (n,) on the unit circle (CDCP eq. 6), the first at 1."""
         u = self.x - centre
         with np.errstate(invalid="ignore"):
-            z = u / u.conj()
+            z: ComplexArray = u / u.conj()
         z[0] = 1.0
-        return z / np.abs(z)
+        z /= np.abs(z)
+        return z
 
     def disk(self, centre: complex) -> ComplexArray:
         """Enclosed points (m,) in the unit disk (CDCP eq. 6)."""
@@ -61,6 +63,8 @@ def geodesic_map(boundary: ComplexArray, inside: ComplexArray) -> HalfPlane | in
     gaps, moved, stuck = open_arc(boundary, inside, 1.0)
     if stuck >= 0:
         return stuck
+    if not (gaps > 0.0).all():
+        return int(np.argmin(gaps > 0.0)) + 1
     p = np.cumsum(gaps)
     x = np.concatenate([[-np.inf], -1.0 / p**2, [0.0]])
     # 1 / p^2 - 1 / r^2 = (r - p) (r + p) / (p r)^2
@@ -73,8 +77,11 @@ def _moved_centre(centre: complex, alpha: complex) -> complex:
     return (centre - np.conj(centre) * alpha) / (1.0 - alpha)
 
 
-def balanced_centre(plane: HalfPlane, weights: FloatArray) -> complex:
-    """Point whose disk has the boundary points' weighted (n,) mean at 0: their conformal barycentre."""
+def balanced_centre(plane: HalfPlane, weights: FloatArray) -> complex | None:
+    """Point whose disk has the boundary points' weighted (n,) mean at 0: their conformal barycentre.
+
+    None where the points are so crowded that the barycentre cannot be told from the real axis.
+    """
     weights = weights / weights.sum()
     middle = float(np.median(plane.x[1:]))
     spread = float(np.median(np.abs(plane.x[1:] - middle)))
@@ -85,6 +92,8 @@ def balanced_centre(plane: HalfPlane, weights: FloatArray) -> complex:
         if not step.any():
             break
         centre = _moved_centre(centre, complex(step[0], step[1]))
+        if not (np.isfinite(centre) and centre.imag > _NEAREST * abs(centre.real)):
+            return None
     return centre
 
 

@@ -86,7 +86,7 @@ def balancing_step(points: FloatArray, weights: FloatArray) -> FloatArray:
     if np.linalg.norm(mean) < _BALANCED:
         return np.zeros(points.shape[1])
     spread = np.eye(points.shape[1]) - (points * weights[:, None]).T @ points
-    step: FloatArray = 0.5 * np.linalg.lstsq(spread, mean, rcond=1e-12)[0]
+    step = np.asarray(0.5 * np.linalg.lstsq(spread, mean, rcond=1e-12)[0], np.float64)
     if step @ mean <= 0.0:
         step = mean
     size = float(np.linalg.norm(step))

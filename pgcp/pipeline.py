@@ -35,14 +35,15 @@ from pgcp.topology import Topology, examine
 from pgcp.types import (
     BoolArray,
     BoundaryCurve,
-    Component,
     ComplexArray,
+    Component,
     FloatArray,
     IntArray,
     Mesh,
     Parameterization,
     Patch,
     PatchMap,
+    Positions,
     SeamPositions,
 )
 from pgcp.weld import start_component
@@ -97,19 +98,19 @@ def _target(name: str, topology: Topology, target: str) -> str:
     )
 
 
-def check_mesh(mesh: Mesh, target: str = "auto") -> tuple[Topology, str]:
-    """Examine a mesh; returns its topology and the target that ``target`` (which may be auto) means for it.
+def check_mesh(mesh: Mesh, target: str = "auto") -> Topology:
+    """Examine a mesh and refuse one that the target does not fit; auto takes open disks and closed spheres.
 
     Raises NotManifoldError, NotSimplyConnectedError or DegenerateError, saying what the mesh is and where it is wrong.
     """
     topology = examine(mesh.faces, len(mesh.vertices))
     if topology.defects:
         raise NotManifoldError(f"{mesh.name}: {topology.defects[0].message}")
-    meant = _target(mesh.name, topology, target)
+    _target(mesh.name, topology, target)
     areas = face_areas(mesh.vertices, mesh.faces)
     if not areas.sum() > 0:
         raise DegenerateError(f"{mesh.name}: all faces have zero area")
-    return topology, meant
+    return topology
 
 
 def _refuse_flat_faces(mesh: Mesh) -> None:
@@ -143,7 +144,7 @@ def _weld_all(
     return union, notes
 
 
-def _spread_out(seams: SeamPositions, vertex_count: int) -> ComplexArray | FloatArray:
+def _spread_out(seams: SeamPositions, vertex_count: int) -> Positions:
     """Positions of all seam and boundary vertices in an array over all vertices, complex (V,) or (V, 3)."""
     out = np.zeros((vertex_count, *seams.points.shape[1:]), seams.points.dtype)
     out[seams.vertex_ids] = seams.points
@@ -189,7 +190,7 @@ class _Mapped:
     solved: list[SolveReport]
     welds: list[dict[str, int]]
     seams: SeamPositions
-    points: ComplexArray | FloatArray
+    points: Positions
     mu: ComplexArray
 
 
@@ -262,8 +263,8 @@ def _coefficients(mesh: Mesh, faces: IntArray, coordinates: FloatArray) -> Compl
 
 
 def _corrected(
-    mesh: Mesh, points: ComplexArray | FloatArray, target: str, boundary: IntArray, options: Options
-) -> tuple[ComplexArray | FloatArray, Correction | None]:
+    mesh: Mesh, points: Positions, target: str, boundary: IntArray, options: Options
+) -> tuple[Positions, Correction | None]:
     """The Moebius correction asked for; a vertex at the centre of the disk leaves none."""
     method = _CORRECTION[target] if options.moebius == "auto" else options.moebius
     if method == "none" or (target == "disk" and options.centre is not None):
@@ -271,9 +272,7 @@ def _corrected(
     return correct(mesh, points, target, method, boundary, np.flatnonzero(used_vertices(mesh)))
 
 
-def _placed(
-    mesh: Mesh, points: ComplexArray | FloatArray, target: str, boundary: IntArray, options: Options
-) -> FloatArray:
+def _placed(mesh: Mesh, points: Positions, target: str, boundary: IntArray, options: Options) -> FloatArray:
     """Coordinates (V, 2) or (V, 3) in the target's own position."""
     used: BoolArray = used_vertices(mesh)
     if target == "sphere":
@@ -288,6 +287,7 @@ def _placed(
         points = centre_on(points, options.centre, boundary)
     points = points * np.conj(points[boundary[0]])
     points[boundary] /= np.abs(points[boundary])
+    points[boundary[0]] = 1.0
     return as_coordinates(points, used)
 
 
@@ -299,7 +299,8 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
     with clock.stage("read"):
         mesh = as_mesh(source)
     with clock.stage("check"):
-        topology, target = check_mesh(mesh, options.target)
+        topology = check_mesh(mesh, options.target)
+        target = _target(mesh.name, topology, options.target)
         _check_centre(mesh, options, target)
         _refuse_flat_faces(mesh)
     with (

@@ -14,7 +14,11 @@ def measure_quality(mesh: Mesh, coordinates: FloatArray, mu: ComplexArray) -> Qu
     errors = angle_errors(mesh, coordinates).reshape(-1)
     size = np.abs(mu)
     flat = coordinates.shape[1] == 2
-    folds = folded_faces(mesh.faces, coordinates @ [1.0, 1.0j]) if flat else folded_faces_on_sphere(mesh.faces, coordinates)
+    folds = (
+        folded_faces(mesh.faces, coordinates[:, 0] + 1j * coordinates[:, 1])
+        if flat
+        else folded_faces_on_sphere(mesh.faces, coordinates)
+    )
     return Quality(
         angle_mean_deg=float(errors.mean()),
         angle_sd_deg=float(errors.std()),

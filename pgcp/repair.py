@@ -15,7 +15,7 @@ from scipy.optimize import linprog
 from pgcp.beltrami import folded_faces, folded_faces_on_sphere
 from pgcp.mobius import rotation_to_north
 from pgcp.operators import face_areas
-from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh
+from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Positions
 
 _ROUNDS = 40
 _MOST_FOLDS = 2000
@@ -82,7 +82,7 @@ def _better_place(x: complex, p: ComplexArray, q: ComplexArray, surface: FloatAr
     return goal
 
 
-def _fold_list(faces: IntArray, points: ComplexArray | FloatArray) -> IntArray:
+def _fold_list(faces: IntArray, points: Positions) -> IntArray:
     return folded_faces(faces, points) if points.ndim == 1 else folded_faces_on_sphere(faces, points)
 
 
@@ -102,7 +102,7 @@ def _move_on_sphere(points: FloatArray, vertex: int, p: IntArray, q: IntArray, s
     turned = star @ rotation.T
     if turned[:, 2].min() < _LOWEST:
         return None
-    chart = (turned[:, 0] + 1j * turned[:, 1]) / turned[:, 2]
+    chart: ComplexArray = turned[:, 0] / turned[:, 2] + 1j * (turned[:, 1] / turned[:, 2])
     place = _move_in_plane(chart, 0, np.arange(len(p)) + 1, np.arange(len(q)) + 1 + len(p), surface)
     if place is None:
         return None
@@ -111,9 +111,7 @@ def _move_on_sphere(points: FloatArray, vertex: int, p: IntArray, q: IntArray, s
     return back
 
 
-def repair_folds(
-    mesh: Mesh, points: ComplexArray | FloatArray, fixed: IntArray
-) -> tuple[ComplexArray | FloatArray, IntArray, Repair | None]:
+def repair_folds(mesh: Mesh, points: Positions, fixed: IntArray) -> tuple[Positions, IntArray, Repair | None]:
     """Move vertices of folded faces until no face is folded, or no move helps.
 
     points: complex (V,) in the plane or unit vectors (V, 3); fixed: vertices that must stay. Returns new positions, the

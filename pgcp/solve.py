@@ -16,7 +16,7 @@ from pgcp.dirichlet import DirichletFactor, eliminate_interior
 from pgcp.errors import SolveFailedError
 from pgcp.mobius import rotation_to_north, to_plane, to_sphere
 from pgcp.operators import positive_laplacian
-from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Patch, PatchMap
+from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Patch, PatchMap, Positions
 
 _DIRECTIONS = 500
 _FEW = 2
@@ -29,7 +29,7 @@ _WIDE = np.log(0.5)
 _SOUTH = np.array([0.0, 0.0, -1.0])
 
 
-def solve_patch(patch: Patch, boundary: ComplexArray | FloatArray, factor: DirichletFactor, backend: str) -> PatchMap:
+def solve_patch(patch: Patch, boundary: Positions, factor: DirichletFactor, backend: str) -> PatchMap:
     """Extend boundary positions harmonically (PGCP eq. 4.22) and look for folds.
 
     boundary: complex (n_B,) in the plane, or unit vectors (n_B, 3). The Laplace equation is solved in the chart
@@ -43,11 +43,11 @@ def solve_patch(patch: Patch, boundary: ComplexArray | FloatArray, factor: Diric
     points = _solved(patch, chart, factor, boundary)
     folded = chart.folded(points)
     first, raised = len(folded), 0
-    reach = _FIRST_REACH
+    reach: int | None = _FIRST_REACH
     while len(folded) > max(_FEW, _FEW_FRACTION * len(patch.faces)) and reach is not None:
         chosen = _around(patch.faces, folded, reach)
         laplacian, count = positive_laplacian(patch.vertices, patch.faces, chosen, _LEAST_WEIGHT)
-        reach = None if chosen.all() else reach * 4
+        reach = None if chosen.all() else 4 * reach
         if count <= raised:
             continue
         other = eliminate_interior(laplacian, patch.boundary, backend)
@@ -67,7 +67,7 @@ def _around(faces: IntArray, start: IntArray, rings: int) -> BoolArray:
     for _ in range(rings):
         touched = np.zeros(int(faces.max()) + 1, bool)
         touched[faces[chosen].reshape(-1)] = True
-        grown = touched[faces].any(axis=1)
+        grown = np.asarray(touched[faces].any(axis=1), bool)
         if np.array_equal(grown, chosen):
             break
         chosen = grown

@@ -19,7 +19,7 @@ from pgcp.solve import solve_patch
 from pgcp.split import cut_patch, split_mesh
 from pgcp.store import PatchStore
 from pgcp.topology import examine
-from pgcp.types import BoundaryCurve, Component, ComplexArray, FloatArray, Mesh, Patch
+from pgcp.types import BoundaryCurve, Component, Mesh, Patch, Positions
 from pgcp.weld import relax_boundary, run_welds, start_component, subdivide, weld_closed, weld_pair
 
 
@@ -137,7 +137,7 @@ def weld_closed_task(pair: tuple[Component, Component]) -> Component:
     return weld_closed(*pair)
 
 
-def solve_task(job: Job, item: tuple[int, ComplexArray | FloatArray]) -> SolveReport:
+def solve_task(job: Job, item: tuple[int, Positions]) -> SolveReport:
     """Second pass: solve a stored patch with its welded boundary, from the factor kept here or made anew.
 
     The boundary is complex (n_B,) in the plane, or unit vectors (n_B, 3).

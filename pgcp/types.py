@@ -14,6 +14,7 @@ FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 IntArray = npt.NDArray[np.integer[Any]]
 BoolArray = npt.NDArray[np.bool_]
+Positions = npt.NDArray[Any]  # complex (n,) in the plane, or unit vectors (n, 3) on the sphere
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,7 +137,7 @@ class SeamPositions:
     """
 
     vertex_ids: IntArray
-    points: ComplexArray | FloatArray
+    points: Positions
     smallest_gap: float = 0.0
     spread_count: int = 0
 
@@ -180,7 +181,7 @@ class PatchMap:
     """
 
     patch: int
-    points: ComplexArray | FloatArray
+    points: Positions
     mu: ComplexArray
     fold_count: int
     mu_max: float

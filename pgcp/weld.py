@@ -13,7 +13,7 @@ import numpy as np
 
 from pgcp.errors import WeldFailedError
 from pgcp.natural import crosses_itself, natural_boundary
-from pgcp.types import BoundaryCurve, Component, ComplexArray, EdgeTable, FloatArray, IntArray, WeldStep
+from pgcp.types import BoundaryCurve, ComplexArray, Component, EdgeTable, FloatArray, IntArray, WeldStep
 from pgcp.zipper import close_arcs, open_arc, scale_variation
 
 SECTOR_LIMIT = 0.7 * np.pi

@@ -76,3 +76,44 @@ def similarity_error(z: np.ndarray, target: np.ndarray) -> float:
     u, v = z - z.mean(), target - target.mean()
     a = np.vdot(u, v) / np.vdot(u, u)
     return float(np.abs(v - a * u).max() / np.abs(v).max())
+
+
+def icosphere(levels: int) -> Mesh:
+    """The unit sphere: an icosahedron whose faces are split in four ``levels`` times."""
+    g = 0.5 * (1 + np.sqrt(5))
+    points = np.array(
+        [(-1, g, 0), (1, g, 0), (-1, -g, 0), (1, -g, 0), (0, -1, g), (0, 1, g), (0, -1, -g), (0, 1, -g),
+         (g, 0, -1), (g, 0, 1), (-g, 0, -1), (-g, 0, 1)]
+    )  # fmt: skip
+    faces = np.array(
+        [(0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4), (11, 10, 2), (10, 7, 6), (7, 1, 8),
+         (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8), (3, 8, 9), (4, 9, 5), (2, 4, 11), (6, 2, 10), (8, 6, 7), (9, 8, 1)]
+    )  # fmt: skip
+    for _ in range(levels):
+        half = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        edges, index = np.unique(half, axis=0, return_inverse=True)
+        middle = len(points) + index.reshape(-1, 3)
+        points = np.vstack([points, points[edges].mean(axis=1)])
+        a, b, c = faces.T
+        ab, bc, ca = middle.T
+        faces = np.vstack([np.column_stack(t) for t in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])
+    return Mesh(points / np.linalg.norm(points, axis=1)[:, None], faces, "icosphere")
+
+
+def spheroid(levels: int, length: float) -> tuple[Mesh, np.ndarray]:
+    """An ellipsoid of revolution with half-axes 1, 1, ``length``, and its conformal map to the unit sphere (V, 3).
+
+    A point at (sin t, 0, length cos t) goes to the colatitude T with log tan(T/2) = int_{pi/2}^t |p'| / sin, by quadrature.
+    """
+    sphere = icosphere(levels)
+    x, y, z = sphere.vertices.T
+    across = np.hypot(x, y)
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    # from the equator to the point, in u = z: dt = -du / across; the excess over the sphere's own 1 / sin t is smooth
+    u = 0.5 * z[:, None] * (1 + nodes)
+    excess = (np.sqrt(u**2 + length**2 * (1 - u**2)) - 1) / (1 - u**2)
+    log_tan = -np.arctanh(np.clip(z, -1 + 1e-16, 1 - 1e-16)) - 0.5 * z * (excess @ weights)
+    sine, cosine = 1 / np.cosh(log_tan), -np.tanh(log_tan)
+    turn = np.column_stack([x, y]) / np.where(across > 0, across, 1)[:, None]
+    image = np.column_stack([turn * sine[:, None], cosine])
+    return Mesh(sphere.vertices * [1, 1, length], sphere.faces, "spheroid"), image

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
-from meshes import grid, lifted, tetrahedron
+from meshes import grid, lifted, spheroid, tetrahedron, torus
 
 import pgcp
 from pgcp.cli import build_parser, main
@@ -62,10 +62,46 @@ def test_a_run_writes_all_results_in_the_order_of_the_file(folder):
     assert report["status"] == "good"
     assert set(report["quality"]) == {
         "angle_mean_deg", "angle_sd_deg", "angle_median_deg", "angle_p99_deg", "angle_max_deg",
-        "mu_mean", "mu_max", "folds", "log_area_mean",
+        "mu_mean", "mu_max", "folds", "log_area_mean", "degree",
     }  # fmt: skip
     assert "folds 0" in done.stdout
     assert done.stderr == ""
+
+
+def test_a_closed_surface_gives_a_sphere(folder):
+    mesh = spheroid(3, 2.0)[0]
+    pgcp.write_mesh(folder / "egg.ply", mesh)
+    done = run(folder / "egg.ply", "--patches", 4, "--centre", 5)
+    assert done.returncode == 0, done.stderr
+    assert "target sphere" in done.stdout
+    assert "folds 0, degree 1" in done.stdout
+    out = folder / "egg_pgcp"
+    with np.load(out / "egg.npz") as data:
+        assert set(data) == {"sphere", "faces", "patch", "mu"}
+        sphere = data["sphere"]
+    assert sphere.shape == (len(mesh.vertices), 3)
+    assert np.abs(np.linalg.norm(sphere, axis=1) - 1).max() < 1e-14
+    assert np.allclose(sphere[5], [0, 0, 1], atol=1e-12)
+    again = pgcp.read_mesh(out / "egg.obj")
+    assert np.array_equal(again.faces, mesh.faces)
+    assert np.allclose(again.vertices, sphere, atol=1e-8)
+    header = (out / "egg.ply").read_bytes()[:400].decode("ascii", "ignore")
+    assert "property double sx" in header
+    report = json.loads((out / "report.json").read_text())
+    assert report["target"] == "sphere"
+    assert report["quality"]["degree"] == pytest.approx(1.0)
+    assert (out / "egg.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_disk_has_its_boundary_on_the_circle(folder):
+    assert run(folder / "hills.obj", "--target", "disk").returncode == 0
+    boundary = pgcp.check_mesh(pgcp.read_mesh(folder / "hills.obj")).loops[0]
+    with np.load(folder / "hills_pgcp" / "hills.npz") as data:
+        z = data["uv"] @ [1, 1j]
+    assert np.abs(np.abs(z[boundary]) - 1).max() < 1e-12
+    angles = np.angle(z[boundary]) % (2 * np.pi)
+    assert angles[0] == 0
+    assert (np.diff(angles) > 0).all()
 
 
 OPTION_RUNS = [
@@ -73,6 +109,9 @@ OPTION_RUNS = [
     "--flatten scp --backend superlu --seed 4 --target free --quiet --output-dir {folder}/out",
     "--cuts {folder}/cuts.txt --output-dir {folder}/out --debug",
     "--cuts {folder}/bad_cuts.txt --repair-cuts --output-dir {folder}/out",
+    "--target disk --moebius angle --output-dir {folder}/out",
+    "--target disk --centre 100 --output-dir {folder}/out",
+    "--target free --moebius area --output-dir {folder}/out",
 ]
 
 
@@ -134,11 +173,24 @@ def test_check_only_says_what_the_mesh_is_and_lists_defects(folder, capsys):
         (["hills.obj", "--output-dir", "cuts.txt"], "there is a file of this name"),
         (["hills.obj", "--cuts", "hills.obj"], "line 1 is not a pair of vertex ids"),
         (["hills.obj", "--no-such-option"], "unrecognized arguments"),
-        (["closed.ply"], "closed surface of genus 0"),
+        (["closed.ply", "--target", "disk"], "closed surface of genus 0 (a sphere), which the target disk does not fit; use"),
+        (["closed.ply", "--target", "free"], "use target sphere"),
+        (["closed.ply", "--patches", "1"], "a closed surface needs at least 2 patches"),
+        (["hills.obj", "--target", "sphere"], "one boundary loop of 56 edges, which the target sphere does not fit; use"),
+        (["torus.ply"], "genus 1, closed; no target fits it"),
+        (["torus.ply", "--target", "sphere"], "genus 1, closed; no target fits it"),
+        (["ring.ply", "--target", "disk"], "2 boundary loops; no target fits it"),
+        (["hills.obj", "--centre", "3"], "the target free has no centre"),
+        (["hills.obj", "--target", "disk", "--centre", "-3"], "centre is vertex -3"),
+        (["hills.obj", "--target", "disk", "--centre", "3000"], "the centre is vertex 3000, but the mesh has 221 vertices"),
+        (["hills.obj", "--target", "disk", "--centre", "0"], "vertex 0 is on the boundary"),
+        (["hills.obj", "--target", "disk", "--centre", "100", "--moebius", "area"], "leaves no Moebius correction"),
     ],
 )
 def test_mistakes_get_one_sentence_and_status_2(arguments, words, folder):
     pgcp.write_mesh(folder / "closed.ply", tetrahedron())
+    pgcp.write_mesh(folder / "torus.ply", torus())
+    pgcp.write_mesh(folder / "ring.ply", pgcp.Mesh(grid(6).vertices, np.delete(grid(6).faces, [30], axis=0)))
     before = sorted(folder.iterdir())
     done = run(*arguments, cwd=folder)
     assert done.returncode == 2
@@ -152,7 +204,7 @@ def test_mistakes_get_one_sentence_and_status_2(arguments, words, folder):
 def test_folds_give_status_3_and_marked_results(folder, monkeypatch, capsys):
     from pgcp import pipeline
 
-    def mirrored(mesh, _parts):
+    def mirrored(mesh, _parts, _target):
         return mesh.vertices @ [1, -1j, 0], np.zeros(len(mesh.faces), complex)
 
     monkeypatch.setattr(pipeline, "collect", mirrored)

@@ -5,11 +5,11 @@ import pytest
 from meshes import cap, grid, similarity_error
 
 from pgcp.dirichlet import eliminate_interior
+from pgcp.distortion import angle_errors
 from pgcp.errors import InputError
 from pgcp.flatten import conformal_energy_matrix, flatten_boundary
 from pgcp.natural import natural_boundary
 from pgcp.operators import cotangent_laplacian
-from pgcp.distortion import angle_errors
 from pgcp.topology import examine
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from meshes import cap, grid
+from meshes import cap, grid, icosphere
 
-from pgcp.beltrami import beltrami_coefficients, folded_faces
+from pgcp.beltrami import beltrami_coefficients, folded_faces, folded_faces_on_sphere
 from pgcp.distortion import angle_errors, corner_angles, log_area_ratios
 from pgcp.quality import measure_quality
 from pgcp.repair import repair_folds
@@ -98,7 +98,7 @@ def test_local_folds_are_untangled_and_the_rest_keeps(seed):
     mesh, _, bad = folded_map(seed)
     before = folded_faces(mesh.faces, bad)
     assert len(before) > 0
-    mended, touched, repair = repair_folds(mesh, bad)
+    mended, touched, repair = repair_folds(mesh, bad, np.empty(0, int))
     assert len(folded_faces(mesh.faces, mended)) == 0
     assert (repair.folds_before, repair.folds_after) == (len(before), 0)
     changed = np.flatnonzero(mended != bad)
@@ -108,16 +108,39 @@ def test_local_folds_are_untangled_and_the_rest_keeps(seed):
 
 def test_a_good_map_is_not_touched():
     mesh, z, _ = folded_map()
-    same, touched, repair = repair_folds(mesh, z)
+    same, touched, repair = repair_folds(mesh, z, np.empty(0, int))
     assert same is z
     assert len(touched) == 0
     assert repair is None
 
 
+def test_fixed_vertices_stay():
+    mesh, _, bad = folded_map(0)
+    fixed = np.unique(mesh.faces[folded_faces(mesh.faces, bad)])
+    same, touched, repair = repair_folds(mesh, bad, fixed)
+    assert np.array_equal(same, bad)
+    assert len(touched) == 0
+    assert repair.folds_after == repair.folds_before > 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_folds_on_the_sphere_are_untangled(seed):
+    mesh = icosphere(4)
+    bad = mesh.vertices.copy()
+    rng = np.random.default_rng(seed)
+    chosen = rng.choice(len(bad), 3, replace=False)
+    bad[chosen] += rng.normal(size=(3, 3)) * 0.15
+    bad[chosen] /= np.linalg.norm(bad[chosen], axis=1)[:, None]
+    assert len(folded_faces_on_sphere(mesh.faces, bad)) > 0
+    mended, _, repair = repair_folds(mesh, bad, np.empty(0, int))
+    assert len(folded_faces_on_sphere(mesh.faces, mended)) == repair.folds_after == 0
+    assert np.allclose(np.linalg.norm(mended, axis=1), 1.0, atol=1e-15)
+
+
 def test_what_cannot_be_repaired_is_said():
     mesh = grid(4)
     z = (mesh.vertices[:, 0] + 1j * mesh.vertices[:, 1]).conj()
-    _, _, repair = repair_folds(mesh, z)
+    _, _, repair = repair_folds(mesh, z, np.empty(0, int))
     assert repair.folds_after > 0
 
 

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.image import imread
-from meshes import cap, grid
+from meshes import cap, grid, spheroid
 
 import pgcp
 from pgcp.report import draw
-from pgcp.report.picture import _rasterise, _visible
+from pgcp.report.picture import _checker, _mercator
+from pgcp.report.raster import _visible, rasterise
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -39,7 +40,7 @@ def test_the_nearer_face_hides_the_farther_one():
 
 def test_a_surface_of_tiny_faces_has_no_holes():
     mesh, _ = cap(400)
-    image = _rasterise(mesh.vertices, mesh.faces, lambda ids, _: np.zeros((len(ids), 3)))
+    image = rasterise(mesh.vertices, mesh.faces, lambda ids, _: np.zeros((len(ids), 3)))
     dark = image.sum(axis=2) == 0
     radius = np.hypot(*(np.indices(dark.shape) - (len(dark) - 1) / 2))
     assert dark[radius < 0.48 * len(dark)].all()
@@ -62,3 +63,26 @@ def test_the_accuracy_table(tmp_path):
     rows = [line.split("\t") for line in done.stdout.splitlines()]
     assert [row[2:4] for row in rows[1:]] == [["1", "-"], ["2", "0"], ["2", "1"], ["3", "0"], ["3", "1"]]
     assert all(0.8 < float(row[5]) < 1.2 and row[6] == "0" for row in rows[1:])
+
+
+def test_the_picture_of_a_sphere_shows_both_sides():
+    mesh, _ = spheroid(4, 2.0)
+    image = imread(io.BytesIO(draw(pgcp.parameterize(mesh, patches=3))))
+    flat = imread(io.BytesIO(draw(pgcp.parameterize(grid(8), patches=2))))
+    assert image.shape[1] > 1.2 * flat.shape[1]
+    quarter = image.shape[1] // 4
+    for panel in (1, 2):
+        colours = image[:, panel * quarter : (panel + 1) * quarter, :3]
+        seen = colours[np.ptp(colours, axis=2) > 0.2]
+        assert len(seen) > 0.2 * colours.shape[0] * colours.shape[1]
+
+
+def test_the_checkerboard_of_a_sphere_has_even_squares_of_one_size():
+    """On the round sphere near the equator: equal shares of dark and light, and no break where the turn closes."""
+    angle = np.linspace(-np.pi, np.pi, 4001)[:-1]
+    ring = np.column_stack([np.cos(angle), np.sin(angle), np.full(4000, 0.1), np.ones(4000), np.full(4000, np.log2(0.2))])
+    dark = _checker(_mercator(ring))[:, 0] < 0.5
+    runs = np.flatnonzero(dark != np.roll(dark, 1))
+    assert len(runs) in (32, 64)
+    assert np.ptp(np.diff(runs)) <= 2
+    assert (runs[0] + 4000 - runs[-1]) - np.diff(runs)[0] <= 2

@@ -104,7 +104,16 @@ def test_the_crowded_edge_is_the_one_named():
 )
 def test_what_is_no_disk_is_refused_by_its_name(mesh, words):
     with pytest.raises(NotSimplyConnectedError, match=words):
-        check_mesh(mesh)
+        check_mesh(mesh, "disk")
+
+
+def test_what_fits_a_target_is_taken():
+    assert check_mesh(grid(3)).is_disk
+    assert check_mesh(grid(3), "disk").is_disk
+    assert check_mesh(tetrahedron()).is_sphere
+    assert check_mesh(tetrahedron(), "sphere").is_sphere
+    with pytest.raises(NotSimplyConnectedError, match="use target free or disk"):
+        check_mesh(grid(3), "sphere")
 
 
 def test_unreferenced_vertices_are_counted_and_harmless():

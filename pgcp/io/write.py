@@ -83,7 +83,8 @@ def write_outputs(directory: Path, stem: str, result: Parameterization, picture:
     faces: IntArray = result.mesh.faces
     with replacing(paths[0]) as stream:
         key = "sphere" if result.target == "sphere" else "uv"
-        np.savez(stream, **{key: result.coordinates}, faces=faces, patch=result.patch, mu=result.mu)
+        arrays: dict[str, Any] = {key: result.coordinates, "faces": faces, "patch": result.patch, "mu": result.mu}
+        np.savez(stream, **arrays)
     if result.target == "sphere":
         write_mesh(paths[1], Mesh(result.coordinates, result.mesh.faces, stem))
     else:

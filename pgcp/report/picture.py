@@ -151,7 +151,10 @@ def draw(result: Parameterization) -> bytes:
     FigureCanvasAgg(figure)
     first, *maps, last = figure.subplots(1, 4 if on_sphere else 3)
     _draw_surface(first, result)
-    (_draw_sphere if on_sphere else _draw_map)(*maps, result)
+    if on_sphere:
+        _draw_sphere(maps[0], maps[1], result)
+    else:
+        _draw_map(maps[0], result)
     _draw_histogram(last, result)
     mark = "" if result.quality.folds == 0 else f"  -  FOLDED: {result.quality.folds} faces"
     figure.suptitle(f"{result.mesh.name}{mark}", fontsize=11, color="black" if not mark else "#b5442c")
