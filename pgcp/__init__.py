@@ -13,6 +13,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pgcp.check import check_mesh
     from pgcp.errors import (
         BadFileError,
         DegenerateError,
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     )
     from pgcp.io import read_mesh, write_mesh
     from pgcp.options import Options
-    from pgcp.pipeline import check_mesh, compute, parameterize
+    from pgcp.pipeline import compute, parameterize
     from pgcp.types import Mesh, Parameterization, Quality
 
 __version__ = "0.1.0"
@@ -58,7 +59,7 @@ _HOMES = {
     "read_mesh": "io",
     "write_mesh": "io",
     "Options": "options",
-    "check_mesh": "pipeline",
+    "check_mesh": "check",
     "compute": "pipeline",
     "parameterize": "pipeline",
     "Mesh": "types",

@@ -7,8 +7,12 @@ from collections.abc import Iterable
 import numpy as np
 
 from pgcp.beltrami import signed_area
+from pgcp.errors import InputError
+from pgcp.mobius import are_apart, rotation_to_north, shift_disk
 from pgcp.operators import face_areas
 from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, Patch, PatchMap, Positions
+
+_INSIDE = 1e-14
 
 
 def collect(mesh: Mesh, parts: Iterable[tuple[Patch, PatchMap]], target: str) -> tuple[Positions, ComplexArray]:
@@ -54,10 +58,48 @@ def turn_to_surface(mesh: Mesh, points: FloatArray) -> FloatArray:
     return turned / np.linalg.norm(turned, axis=1)[:, None]
 
 
-def place(mesh: Mesh, z: ComplexArray, boundary: IntArray) -> FloatArray:
+def place_free(mesh: Mesh, z: ComplexArray, boundary: IntArray) -> FloatArray:
     """Coordinates (V, 2): total area as on the surface, boundary centred at the origin, its long axis horizontal."""
     centred = z - z[boundary].mean()
     axis = np.exp(-0.5j * np.angle(np.sum(centred[boundary] ** 2)))
     area = abs(signed_area(mesh.faces, z))
     scale = np.sqrt(face_areas(mesh.vertices, mesh.faces).sum() / area) if area > 0 else 1.0
     return as_coordinates(centred * axis * scale, used_vertices(mesh))
+
+
+def centre_on(positions: Positions, vertex: int, boundary: IntArray) -> Positions:
+    """Bring a vertex to the centre of the disk, or to the north pole of the sphere.
+
+    Raises InputError where the vertex is on the boundary, or so close to it that boundary vertices would coincide.
+    """
+    if positions.ndim == 2:
+        return positions @ rotation_to_north(positions[vertex]).T
+    if abs(positions[vertex]) >= 1.0 - _INSIDE or vertex in boundary:
+        raise InputError(f"vertex {vertex} is on the boundary: it cannot be the centre of the disk")
+    moved = shift_disk(positions, complex(positions[vertex]))
+    moved[boundary] /= np.abs(moved[boundary])
+    if not are_apart(moved, boundary):
+        raise InputError(f"with vertex {vertex} at the centre of the disk, boundary vertices could not be told apart")
+    return moved
+
+
+def placed(mesh: Mesh, points: Positions, target: str, boundary: IntArray, centre: int | None) -> FloatArray:
+    """Coordinates (V, 2) or (V, 3) of a finished map in its target's customary position.
+
+    Raises InputError where the centre asked for cannot be one.
+    """
+    used = used_vertices(mesh)
+    if target == "free":
+        return place_free(mesh, points, boundary)
+    if target == "sphere":
+        coordinates = turn_to_surface(mesh, points)
+        if centre is not None:
+            coordinates = centre_on(coordinates, centre, boundary)
+        coordinates[~used] = [0.0, 0.0, 1.0]
+        return coordinates
+    if centre is not None:
+        points = centre_on(points, centre, boundary)
+    points = points * np.conj(points[boundary[0]])
+    points[boundary] /= np.abs(points[boundary])
+    points[boundary[0]] = 1.0
+    return as_coordinates(points, used)

@@ -7,7 +7,7 @@ from fractions import Fraction
 import numba
 import numpy as np
 
-from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray
+from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh
 
 _ROUNDING = 8.0 * np.finfo(np.float64).eps
 
@@ -89,6 +89,15 @@ def beltrami_coefficients_on_sphere(vertices: FloatArray, faces: IntArray, point
             surface[i] = vertices[faces[f, i]]
         out[f] = beltrami_coefficients(surface, corners, chart)[0]
     return out
+
+
+def map_coefficients(mesh: Mesh, faces: IntArray, coordinates: FloatArray) -> ComplexArray:
+    """Beltrami coefficients of some faces of a map, coordinates (V, 2) in the plane or (V, 3) on the sphere."""
+    if coordinates.shape[1] == 3:
+        mu: ComplexArray = beltrami_coefficients_on_sphere(mesh.vertices, faces, coordinates)
+    else:
+        mu = beltrami_coefficients(mesh.vertices, faces, coordinates[:, 0] + 1j * coordinates[:, 1])
+    return mu
 
 
 @numba.njit(cache=True)

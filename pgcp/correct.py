@@ -14,15 +14,14 @@ from scipy.optimize import minimize
 
 from pgcp.beltrami import folded_faces, folded_faces_on_sphere
 from pgcp.distortion import angle_errors, as_points, corner_angles, log_area_ratios
-from pgcp.errors import InputError
 from pgcp.mobius import (
     AreaSample,
+    are_apart,
     bend_plane,
     boost,
     least_area_bend,
     least_area_boost,
     least_area_shift,
-    rotation_to_north,
     shift_disk,
 )
 from pgcp.operators import face_areas
@@ -41,7 +40,6 @@ _SCAN_AIMS = 48
 _SCAN_DISTANCES = (0.5, 1.0, 2.0, 3.0, 4.5, 6.0)
 _SIMPLEX = 0.3
 _DESCENT_STEPS = 80
-_CLOSEST = 1e-14
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,11 +157,6 @@ def _folds(mesh: Mesh, positions: Positions) -> int:
     return len(fold(mesh.faces, positions))
 
 
-def _is_in_order(z: Positions, boundary: IntArray) -> bool:
-    """Whether boundary vertices (B,) of a disk are far enough from their neighbours to be told apart."""
-    return bool(np.abs(np.roll(z[boundary], -1) - z[boundary]).min() > _CLOSEST)
-
-
 def _try(
     mesh: Mesh, positions: Positions, target: str, method: str, boundary: IntArray, used: IntArray, before: tuple[float, float]
 ) -> tuple[Positions, Correction]:
@@ -175,7 +168,7 @@ def _try(
         moved = move(share * vector)
         if target == "disk":
             moved[boundary] /= np.abs(moved[boundary])
-            if not _is_in_order(moved, boundary):
+            if not are_apart(moved, boundary):
                 continue
         if not np.isfinite(moved[used]).all() or _folds(mesh, moved) > allowed:
             continue
@@ -205,19 +198,3 @@ def correct(
             return moved, correction
         method = "area"
     return _try(mesh, positions, target, method, boundary, used, before)
-
-
-def centre_on(positions: Positions, vertex: int, boundary: IntArray) -> Positions:
-    """Bring a vertex to the centre of the disk, or to the north pole of the sphere.
-
-    Raises InputError where the vertex is on the boundary, or so close to it that boundary vertices would coincide.
-    """
-    if positions.ndim == 2:
-        return positions @ rotation_to_north(positions[vertex]).T
-    if abs(positions[vertex]) >= 1.0 - _CLOSEST or vertex in boundary:
-        raise InputError(f"vertex {vertex} is on the boundary: it cannot be the centre of the disk")
-    moved = shift_disk(positions, complex(positions[vertex]))
-    moved[boundary] /= np.abs(moved[boundary])
-    if not _is_in_order(moved, boundary):
-        raise InputError(f"with vertex {vertex} at the centre of the disk, boundary vertices could not be told apart")
-    return moved

@@ -12,12 +12,13 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import logsumexp
 
-from pgcp.types import ComplexArray, FloatArray
+from pgcp.types import ComplexArray, FloatArray, IntArray
 
 _STEPS = 200
 _LONGEST_STEP = 0.8
 _BALANCED = 1e-12
 _SMOOTH = 1e-2
+_CLOSEST = 1e-14
 
 
 def sphere_points(p: ComplexArray, q: ComplexArray) -> FloatArray:
@@ -117,6 +118,11 @@ def balance_sphere(z: ComplexArray, weights: FloatArray) -> tuple[FloatArray, Co
 def shift_disk(z: ComplexArray, alpha: complex) -> ComplexArray:
     """Disk automorphism (z - alpha) / (1 - conj(alpha) z), |alpha| < 1 (PGCP eq. 6.3, CDCP eq. 19)."""
     return (z - alpha) / (1.0 - np.conj(alpha) * z)
+
+
+def are_apart(z: ComplexArray, boundary: IntArray) -> bool:
+    """Whether boundary points z[boundary] (B,) of a disk are far enough from their neighbours to be told apart."""
+    return bool(np.abs(np.roll(z[boundary], -1) - z[boundary]).min() > _CLOSEST)
 
 
 def bend_plane(z: ComplexArray, beta: complex) -> ComplexArray:

@@ -16,28 +16,26 @@ from typing import Any
 
 import numpy as np
 
-from pgcp.assemble import as_coordinates, collect, place, turn_to_surface, used_vertices
-from pgcp.beltrami import beltrami_coefficients, beltrami_coefficients_on_sphere
+from pgcp.assemble import collect, placed, used_vertices
+from pgcp.beltrami import map_coefficients
+from pgcp.check import check_centre, check_mesh, fitting_target, refuse_flat_faces
 from pgcp.constrain import constrain_to_disk, constrain_to_sphere, keep_free
-from pgcp.correct import Correction, centre_on, correct
+from pgcp.correct import Correction, correct
 from pgcp.dirichlet import choose_backend
-from pgcp.errors import DegenerateError, FoldError, InputError, NotManifoldError, NotSimplyConnectedError, WeldFailedError
+from pgcp.errors import FoldError, InputError, WeldFailedError
 from pgcp.executors import DaskExecutor, Executor, Progress, SerialExecutor, silent
 from pgcp.io import read_cuts, read_mesh
-from pgcp.operators import cotangents, face_areas
 from pgcp.options import Options
 from pgcp.quality import measure_quality
 from pgcp.repair import repair_folds
 from pgcp.split import Split, cut_patch, split_mesh
 from pgcp.store import PatchStore
 from pgcp.tasks import Job, SolveReport, flatten_task, relax_task, solve_task, weld_closed_task, weld_task
-from pgcp.topology import Topology, examine
+from pgcp.topology import Topology
 from pgcp.types import (
-    BoolArray,
     BoundaryCurve,
     ComplexArray,
     Component,
-    FloatArray,
     IntArray,
     Mesh,
     Parameterization,
@@ -79,45 +77,6 @@ def as_mesh(source: Any) -> Mesh:
     if hasattr(source, "vertices") and hasattr(source, "faces"):
         return Mesh(np.asarray(source.vertices, np.float64), np.asarray(source.faces, np.int64))
     raise InputError(f"expected a mesh, a path or a trimesh, not {type(source).__name__}")
-
-
-def _target(name: str, topology: Topology, target: str) -> str:
-    """Which target is meant; raises NotSimplyConnectedError where the mesh does not allow it."""
-    if topology.is_disk and target != "sphere":
-        return "free" if target == "auto" else target
-    if topology.is_sphere and target in ("auto", "sphere"):
-        return "sphere"
-    what = f"{name} is {topology.describe()}"
-    if topology.is_disk:
-        raise NotSimplyConnectedError(f"{what}, which the target sphere does not fit; use target free or disk")
-    if topology.is_sphere:
-        raise NotSimplyConnectedError(f"{what}, which the target {target} does not fit; use target sphere")
-    raise NotSimplyConnectedError(
-        f"{what}; no target fits it: free and disk need one open disk with one boundary loop, "
-        "sphere one closed surface of genus 0"
-    )
-
-
-def check_mesh(mesh: Mesh, target: str = "auto") -> Topology:
-    """Examine a mesh and refuse one that the target does not fit; auto takes open disks and closed spheres.
-
-    Raises NotManifoldError, NotSimplyConnectedError or DegenerateError, saying what the mesh is and where it is wrong.
-    """
-    topology = examine(mesh.faces, len(mesh.vertices))
-    if topology.defects:
-        raise NotManifoldError(f"{mesh.name}: {topology.defects[0].message}")
-    _target(mesh.name, topology, target)
-    areas = face_areas(mesh.vertices, mesh.faces)
-    if not areas.sum() > 0:
-        raise DegenerateError(f"{mesh.name}: all faces have zero area")
-    return topology
-
-
-def _refuse_flat_faces(mesh: Mesh) -> None:
-    bad = np.flatnonzero(~np.isfinite(cotangents(mesh.vertices, mesh.faces)).all(axis=1))
-    if len(bad):
-        shown = ", ".join(str(f) for f in bad[:5].tolist())
-        raise DegenerateError(f"{mesh.name}: {len(bad)} faces have zero area: faces {shown}{', ...' if len(bad) > 5 else ''}")
 
 
 def _executor(options: Options, run: str, progress: Progress) -> SerialExecutor | DaskExecutor:
@@ -239,29 +198,6 @@ def _map_with_retries(
                 raise
 
 
-def _check_centre(mesh: Mesh, options: Options, target: str) -> None:
-    """Refuse a centre that the target or the mesh has not."""
-    if options.centre is None:
-        return
-    if target == "free":
-        raise InputError("the target free has no centre; --centre goes with the targets disk and sphere")
-    if target == "disk" and options.moebius in ("area", "angle"):
-        raise InputError("a vertex at the centre leaves no Moebius correction of the disk to choose")
-    if options.centre >= len(mesh.vertices):
-        raise InputError(f"{mesh.name}: the centre is vertex {options.centre}, but the mesh has {len(mesh.vertices)} vertices")
-    if not used_vertices(mesh)[options.centre]:
-        raise InputError(f"{mesh.name}: the centre is vertex {options.centre}, which no face uses")
-
-
-def _coefficients(mesh: Mesh, faces: IntArray, coordinates: FloatArray) -> ComplexArray:
-    """Beltrami coefficients of some faces, in the plane or on the sphere."""
-    if coordinates.shape[1] == 3:
-        mu: ComplexArray = beltrami_coefficients_on_sphere(mesh.vertices, faces, coordinates)
-    else:
-        mu = beltrami_coefficients(mesh.vertices, faces, coordinates[:, 0] + 1j * coordinates[:, 1])
-    return mu
-
-
 def _corrected(
     mesh: Mesh, points: Positions, target: str, boundary: IntArray, options: Options
 ) -> tuple[Positions, Correction | None]:
@@ -270,25 +206,6 @@ def _corrected(
     if method == "none" or (target == "disk" and options.centre is not None):
         return points, None
     return correct(mesh, points, target, method, boundary, np.flatnonzero(used_vertices(mesh)))
-
-
-def _placed(mesh: Mesh, points: Positions, target: str, boundary: IntArray, options: Options) -> FloatArray:
-    """Coordinates (V, 2) or (V, 3) in the target's own position."""
-    used: BoolArray = used_vertices(mesh)
-    if target == "sphere":
-        coordinates = turn_to_surface(mesh, np.asarray(points, np.float64))
-        if options.centre is not None:
-            coordinates = np.asarray(centre_on(coordinates, options.centre, boundary), np.float64)
-        coordinates[~used] = [0.0, 0.0, 1.0]
-        return coordinates
-    if target == "free":
-        return place(mesh, points, boundary)
-    if options.centre is not None:
-        points = centre_on(points, options.centre, boundary)
-    points = points * np.conj(points[boundary[0]])
-    points[boundary] /= np.abs(points[boundary])
-    points[boundary[0]] = 1.0
-    return as_coordinates(points, used)
 
 
 def compute(source: Any, options: Options, progress: Progress = silent) -> Parameterization:
@@ -300,9 +217,9 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         mesh = as_mesh(source)
     with clock.stage("check"):
         topology = check_mesh(mesh, options.target)
-        target = _target(mesh.name, topology, options.target)
-        _check_centre(mesh, options, target)
-        _refuse_flat_faces(mesh)
+        target = fitting_target(mesh.name, topology, options.target)
+        check_centre(mesh, options.centre, options.moebius, target)
+        refuse_flat_faces(mesh)
     with (
         tempfile.TemporaryDirectory(prefix="pgcp-", dir=options.store) as directory,
         _executor(options, run, progress) as executor,
@@ -320,10 +237,10 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
                 points, touched, repair = repair_folds(mesh, mapped.points, fixed)
                 correction = correction.undone()
         with clock.stage("place"):
-            coordinates = _placed(mesh, points, target, boundary, options)
+            coordinates = placed(mesh, points, target, boundary, options.centre)
             if (correction is not None and correction.share) or options.centre is not None:
                 touched = np.arange(len(mesh.faces))
-            mapped.mu[touched] = _coefficients(mesh, mesh.faces[touched], coordinates)
+            mapped.mu[touched] = map_coefficients(mesh, mesh.faces[touched], coordinates)
         description = executor.describe()
     clock.executor = SerialExecutor()
     with clock.stage("measure"):

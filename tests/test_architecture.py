@@ -24,7 +24,7 @@ LAYERS = [
         "geodesic",
         "distortion",
     },
-    {"split", "flatten", "weld", "constrain", "solve", "assemble", "quality", "repair", "correct"},
+    {"check", "split", "flatten", "weld", "constrain", "solve", "assemble", "quality", "repair", "correct"},
     {"store", "tasks", "executors", "io", "demo"},
     {"pipeline", "report"},
     {"cli"},

@@ -323,6 +323,7 @@ def readme_commands():
 @pytest.mark.parametrize("line", readme_commands())
 def test_commands_of_the_readme_work(line, folder):
     pgcp.write_mesh(folder / "bust.ply", lifted(grid(30)))
+    pgcp.write_mesh(folder / "ball.ply", spheroid(3, 1.5)[0])
     column = np.arange(31) + 31 * 15
     (folder / "cuts.txt").write_text("\n".join(f"{a} {b}" for a, b in pairwise(column.tolist())))
     done = run(*shlex.split(line)[1:], cwd=folder)

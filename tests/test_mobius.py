@@ -7,8 +7,9 @@ import pytest
 from meshes import cap, grid, icosphere
 from oracles import moebius_distance
 
+from pgcp.assemble import centre_on
 from pgcp.beltrami import beltrami_coefficients_on_sphere, covering_degree, folded_faces_on_sphere
-from pgcp.correct import centre_on, correct
+from pgcp.correct import correct
 from pgcp.distortion import log_area_ratios
 from pgcp.errors import InputError
 from pgcp.mobius import (

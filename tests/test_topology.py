@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from meshes import cap, grid, tetrahedron, torus
 
+from pgcp.check import check_mesh
 from pgcp.errors import NotManifoldError, NotSimplyConnectedError
-from pgcp.pipeline import check_mesh
 from pgcp.topology import examine, pair_half_edges
 from pgcp.types import Mesh
 
