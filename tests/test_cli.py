@@ -281,6 +281,8 @@ def test_an_interrupt_stops_cleanly_and_leaves_no_process(workers, tmp_path):
     process = subprocess.Popen(
         [*COMMAND, "big.ply", "--workers", workers, "--patches", "8"],
         cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        # a test run in the background of a shell hands down an ignored SIGINT
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
     )  # fmt: skip
     if workers == "2":
         deadline = time.monotonic() + 60
