@@ -18,7 +18,7 @@ def beltrami_coefficients(vertices: FloatArray, faces: IntArray, z: ComplexArray
 
     Each face has its own isometric chart, first edge along the real axis, counter-clockwise: |mu| does not depend on
     it, the argument does. |mu| < 1 exactly where the face keeps its orientation. A face whose image is
-    anti-conformal gets the largest finite number instead of infinity.
+    anti-conformal gets the largest finite number instead of infinity, a face without area on the surface 1.
     """
     out = np.empty(faces.shape[0], np.complex128)
     largest = np.sqrt(np.finfo(np.float64).max) / 4.0
@@ -30,6 +30,9 @@ def beltrami_coefficients(vertices: FloatArray, faces: IntArray, z: ComplexArray
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         x = (ux * vx + uy * vy + uz * vz) / length
         y = np.sqrt(nx * nx + ny * ny + nz * nz) / length
+        if not y > 0.0:
+            out[f] = complex(1.0, 0.0)
+            continue
         # chart corners 0, length, x + i y; f = p w + q conj(w) through the two edges
         e, g = z[b] - z[a], z[c] - z[a]
         along = e / length

@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from pgcp.errors import DegenerateError, InputError, NotManifoldError, NotSimplyConnectedError
-from pgcp.operators import cotangents, face_areas
+from pgcp.operators import face_areas
 from pgcp.topology import Topology, examine
 from pgcp.types import Mesh
+
+_MOST_FLAT = 0.5
+_FAR = 1e4
 
 
 def fitting_target(name: str, topology: Topology, target: str) -> str:
@@ -36,18 +39,38 @@ def check_mesh(mesh: Mesh, target: str = "auto") -> Topology:
     if topology.defects:
         raise NotManifoldError(f"{mesh.name}: {topology.defects[0].message}")
     fitting_target(mesh.name, topology, target)
-    areas = face_areas(mesh.vertices, mesh.faces)
-    if not areas.sum() > 0:
+    unit = unit_mesh(mesh)[0]
+    flat = np.flatnonzero(~(face_areas(unit.vertices, unit.faces) > 0.0))
+    if len(flat) == len(mesh.faces):
         raise DegenerateError(f"{mesh.name}: all faces have zero area")
+    if len(flat) > _MOST_FLAT * len(mesh.faces):
+        raise DegenerateError(f"{mesh.name}: {len(flat)} of {len(mesh.faces)} faces have zero area{_lost_digits(mesh)}")
     return topology
 
 
-def refuse_flat_faces(mesh: Mesh) -> None:
-    """Raise DegenerateError, naming them, where faces have no area."""
-    bad = np.flatnonzero(~np.isfinite(cotangents(mesh.vertices, mesh.faces)).all(axis=1))
-    if len(bad):
-        shown = ", ".join(str(f) for f in bad[:5].tolist())
-        raise DegenerateError(f"{mesh.name}: {len(bad)} faces have zero area: faces {shown}{', ...' if len(bad) > 5 else ''}")
+def _lost_digits(mesh: Mesh) -> str:
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    far, size = float(np.maximum(np.abs(low), np.abs(high)).max()), float((high - low).max())
+    if far > _FAR * size > 0:
+        return f"; it lies {far / size:.0e} times its own size from the origin, where coordinates lose their digits"
+    return ""
+
+
+def unit_mesh(mesh: Mesh) -> tuple[Mesh, float]:
+    """The mesh moved to the origin and scaled by a power of two to a size of about 1, and that power of two.
+
+    Results then depend neither on the unit of length nor on the place. Raises DegenerateError where all vertices coincide.
+    """
+    largest = float(np.abs(mesh.vertices).max())
+    exponent = int(np.frexp(largest)[1])
+    points = np.ldexp(mesh.vertices, -exponent)
+    used = points[mesh.faces.reshape(-1)]
+    low, high = used.min(axis=0), used.max(axis=0)
+    size = float((high - low).max())
+    if not size > 0.0:
+        raise DegenerateError(f"{mesh.name}: all faces have zero area")
+    more = int(np.frexp(size)[1])
+    return Mesh(np.ldexp(points - 0.5 * (low + high), -more), mesh.faces, mesh.name), float(np.ldexp(1.0, exponent + more))
 
 
 def check_centre(mesh: Mesh, centre: int | None, moebius: str, target: str) -> None:

@@ -183,6 +183,8 @@ def _integrate(node_count: int, edges: IntArray, steps: ComplexArray) -> Complex
     large ones; what cycles fail to close by is shared out first: min sum |d|^2 / |step|^2 with every cycle closed.
     """
     size = np.abs(steps)
+    if not (np.isfinite(size).all() and (size > 0).all()):
+        return np.full(node_count, complex(np.nan, np.nan))
     order = np.argsort(size, kind="stable")
     nodes, parent, link, chords = _spanning_tree(node_count, edges, order, int(edges[order[0], 0]))
     cycles = _cycles(edges, nodes, parent, link, chords)
@@ -214,7 +216,8 @@ def natural_boundary(
 
     z (N,) positions; edges (M, 2) with lengths (M,) on the surface join them all; loop (B,) the outer boundary,
     counter-clockwise and simple; corners: increasing positions in loop at which panels may end, from 0. ``strength``
-    below 1 goes part of the way: every value gives a conformal map.
+    below 1 goes part of the way: every value gives a conformal map. Positions are not finite where the curve is so crowded
+    that the system cannot be solved.
     """
     s = z[loop]
     after = np.roll(loop, -1)
@@ -228,7 +231,10 @@ def natural_boundary(
     reach = 1.5 * np.add.reduceat(steps, starts[:-1])
     data = np.add.reduceat(log_scale, starts[:-1]) / np.diff(starts)
     x, y = np.append(s.real, s.real[0]), np.append(s.imag, s.imag[0])
-    density = np.linalg.solve(_angle_matrix(x, y, starts, reach), -strength * data)
+    try:
+        density = np.linalg.solve(_angle_matrix(x, y, starts, reach), -strength * data)
+    except np.linalg.LinAlgError:
+        return np.full(n, complex(np.nan, np.nan))
     own = np.full(len(edges), -1, np.int64)
     own[outer] = np.arange(len(loop))
     middle = 0.5 * (z[edges[:, 0]] + z[edges[:, 1]])

@@ -8,6 +8,58 @@ from scipy.sparse import csr_array
 
 from pgcp.types import BoolArray, FloatArray, IntArray
 
+_SPARE = 1e-5
+_ENOUGH_SPARE = 1e-10
+
+
+@numba.njit(cache=True)
+def _mollified_cotangents(vertices: FloatArray, faces: IntArray, mollification: float) -> FloatArray:
+    """Cotangents (F, 3) from edge lengths, each longer by the same ``mollification``: no triangle is degenerate then."""
+    out = np.empty((faces.shape[0], 3))
+    length = np.empty(3)
+    for f in range(faces.shape[0]):
+        for i in range(3):
+            p, q = faces[f, (i + 1) % 3], faces[f, (i + 2) % 3]
+            square = 0.0
+            for d in range(3):
+                square += (vertices[q, d] - vertices[p, d]) ** 2
+            length[i] = np.sqrt(square) + mollification
+        c, b, a = np.sort(length)
+        # Heron's formula as Kahan orders it
+        product = (a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c))
+        four_areas = np.sqrt(max(product, 0.0))
+        for i in range(3):
+            j, k = length[(i + 1) % 3], length[(i + 2) % 3]
+            out[f, i] = (j * j + (k - length[i]) * (k + length[i])) / four_areas
+    return out
+
+
+@numba.njit(cache=True)
+def _spare_length(vertices: FloatArray, faces: IntArray) -> tuple[float, float]:
+    """Least of (two shorter edges - longest edge) over all faces, and the mean edge length."""
+    spare, total = np.inf, 0.0
+    length = np.empty(3)
+    for f in range(faces.shape[0]):
+        for i in range(3):
+            p, q = faces[f, (i + 1) % 3], faces[f, (i + 2) % 3]
+            square = 0.0
+            for d in range(3):
+                square += (vertices[q, d] - vertices[p, d]) ** 2
+            length[i] = np.sqrt(square)
+        spare = min(spare, length.sum() - 2.0 * length.max())
+        total += length.sum()
+    return spare, total / (3.0 * faces.shape[0])
+
+
+def needed_mollification(vertices: FloatArray, faces: IntArray) -> float:
+    """How much longer all edges are to be taken for every triangle to have an area (Sharp, Crane 2020).
+
+    0 where the triangle inequality holds everywhere with 1e-10 of the mean edge length to spare; else it then holds with
+    1e-5 of it.
+    """
+    spare, mean = _spare_length(vertices, faces)
+    return 0.0 if spare >= _ENOUGH_SPARE * mean else float(_SPARE * mean - spare)
+
 
 @numba.njit(cache=True)
 def cotangents(vertices: FloatArray, faces: IntArray) -> FloatArray:
@@ -52,16 +104,26 @@ def face_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return out
 
 
-def cotangent_laplacian(vertices: FloatArray, faces: IntArray) -> csr_array:
+def _weights(vertices: FloatArray, faces: IntArray, mollification: float) -> FloatArray:
+    """Half the cotangent of every corner (3F,)."""
+    if mollification > 0.0:
+        return 0.5 * _mollified_cotangents(vertices, faces, mollification).reshape(-1)
+    return 0.5 * cotangents(vertices, faces).reshape(-1)
+
+
+def cotangent_laplacian(vertices: FloatArray, faces: IntArray, mollification: float = 0.0) -> csr_array:
     """Cotangent Laplacian L (n, n), symmetric positive semi-definite, off-diagonal -(cot a + cot b)/2 (PGCP eq. 4.6).
 
-    The sign is that of the Dirichlet energy: E_D(u) = 1/2 u^T L u.
+    The sign is that of the Dirichlet energy: E_D(u) = 1/2 u^T L u. ``mollification`` lengthens every edge, for meshes with
+    faces of no area.
     """
     tails, heads = faces[:, [1, 2, 0]].reshape(-1), faces[:, [2, 0, 1]].reshape(-1)
-    return _laplacian(tails, heads, 0.5 * cotangents(vertices, faces).reshape(-1), len(vertices))
+    return _laplacian(tails, heads, _weights(vertices, faces, mollification), len(vertices))
 
 
-def positive_laplacian(vertices: FloatArray, faces: IntArray, chosen: BoolArray, least: float) -> tuple[csr_array, int]:
+def positive_laplacian(
+    vertices: FloatArray, faces: IntArray, chosen: BoolArray, least: float, mollification: float = 0.0
+) -> tuple[csr_array, int]:
     """Cotangent Laplacian with the weights of the chosen faces' (F,) edges raised to ``least``, and how many were raised.
 
     With positive weights every inner vertex is a mean of its neighbours, which folds nothing inside a convex boundary
@@ -70,7 +132,7 @@ def positive_laplacian(vertices: FloatArray, faces: IntArray, chosen: BoolArray,
     n = len(vertices)
     tails, heads = faces[:, [1, 2, 0]].reshape(-1), faces[:, [2, 0, 1]].reshape(-1)
     keys, edge = np.unique(np.minimum(tails, heads) * n + np.maximum(tails, heads), return_inverse=True)
-    weights = np.bincount(edge, 0.5 * cotangents(vertices, faces).reshape(-1))
+    weights = np.bincount(edge, _weights(vertices, faces, mollification))
     raised = (np.bincount(edge, np.repeat(chosen, 3)) > 0) & (weights < least)
     return _laplacian(keys // n, keys % n, np.where(raised, least, weights), n), int(raised.sum())
 

@@ -18,13 +18,14 @@ import numpy as np
 
 from pgcp.assemble import collect, placed, used_vertices
 from pgcp.beltrami import map_coefficients
-from pgcp.check import check_centre, check_mesh, fitting_target, refuse_flat_faces
+from pgcp.check import check_centre, check_mesh, fitting_target, unit_mesh
 from pgcp.constrain import constrain_to_disk, constrain_to_sphere, keep_free
 from pgcp.correct import Correction, correct
 from pgcp.dirichlet import choose_backend
 from pgcp.errors import FoldError, InputError, WeldFailedError
 from pgcp.executors import DaskExecutor, Executor, Progress, SerialExecutor, silent
 from pgcp.io import read_cuts, read_mesh
+from pgcp.operators import needed_mollification
 from pgcp.options import Options
 from pgcp.quality import measure_quality
 from pgcp.repair import repair_folds
@@ -179,7 +180,14 @@ def _map_patches(mesh: Mesh, split: Split, target: str, job: Job, executor: Exec
 
 
 def _map_with_retries(
-    mesh: Mesh, topology: Topology, target: str, options: Options, job: Job, executor: Executor, clock: _Clock
+    mesh: Mesh,
+    topology: Topology,
+    target: str,
+    mollification: float,
+    options: Options,
+    job: Job,
+    executor: Executor,
+    clock: _Clock,
 ) -> tuple[_Mapped, list[dict[str, Any]]]:
     """Map the patches; where a weld fails, try again with patches of another seed, unless the cuts are the user's."""
     cuts = read_cuts(options.cuts) if options.cuts is not None else None
@@ -188,7 +196,7 @@ def _map_with_retries(
     while True:
         seed = options.seed + len(failures)
         with clock.stage("split"):
-            split = split_mesh(mesh, topology, count, seed, cuts, options.repair_cuts)
+            split = split_mesh(mesh, topology, count, seed, cuts, options.repair_cuts, mollification)
         try:
             job_now = replace(job, run=f"{job.run}-{len(failures)}")
             return _map_patches(mesh, split, target, job_now, executor, clock), failures
@@ -219,14 +227,15 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         topology = check_mesh(mesh, options.target)
         target = fitting_target(mesh.name, topology, options.target)
         check_centre(mesh, options.centre, options.moebius, target)
-        refuse_flat_faces(mesh)
+        original, (mesh, unit) = mesh, unit_mesh(mesh)
+        mollification = needed_mollification(mesh.vertices, mesh.faces)
     with (
         tempfile.TemporaryDirectory(prefix="pgcp-", dir=options.store) as directory,
         _executor(options, run, progress) as executor,
     ):
         clock.executor = executor
         job = Job(run, Path(directory), options.flatten, backend, options.factor_cache_bytes)
-        mapped, failures = _map_with_retries(mesh, topology, target, options, job, executor, clock)
+        mapped, failures = _map_with_retries(mesh, topology, target, mollification, options, job, executor, clock)
         boundary = topology.loops[0] if topology.loops else np.empty(0, np.int64)
         with clock.stage("correct"):
             points, correction = _corrected(mesh, mapped.points, target, boundary, options)
@@ -245,6 +254,8 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
     clock.executor = SerialExecutor()
     with clock.stage("measure"):
         quality = measure_quality(mesh, coordinates, mapped.mu)
+    if target == "free":
+        coordinates = coordinates * unit
     report = {
         "mesh": {"name": mesh.name, "vertices": len(mesh.vertices), "faces": len(mesh.faces)},
         "versions": _versions(),
@@ -257,6 +268,7 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         "patches": _patch_rows(mapped),
         "welds": mapped.welds,
         "retries": failures,
+        "mollification": mollification * unit,
         "boundary_points": int(mapped.split.edges.parts.sum()),
         "target": target,
         "smallest_gap": mapped.seams.smallest_gap,
@@ -266,7 +278,7 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         "quality": asdict(quality),
         "status": "good" if quality.folds == 0 else "folded",
     }
-    return Parameterization(mesh, coordinates, mapped.split.labels, mapped.mu, quality, target, report)
+    return Parameterization(original, coordinates, mapped.split.labels, mapped.mu, quality, target, report)
 
 
 def _patch_rows(mapped: _Mapped) -> list[dict[str, Any]]:

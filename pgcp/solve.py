@@ -46,7 +46,7 @@ def solve_patch(patch: Patch, boundary: Positions, factor: DirichletFactor, back
     reach: int | None = _FIRST_REACH
     while len(folded) > max(_FEW, _FEW_FRACTION * len(patch.faces)) and reach is not None:
         chosen = _around(patch.faces, folded, reach)
-        laplacian, count = positive_laplacian(patch.vertices, patch.faces, chosen, _LEAST_WEIGHT)
+        laplacian, count = positive_laplacian(patch.vertices, patch.faces, chosen, _LEAST_WEIGHT, patch.mollification)
         reach = None if chosen.all() else 4 * reach
         if count <= raised:
             continue
@@ -153,7 +153,7 @@ def _outside(patch: Patch, boundary: FloatArray, preferred: FloatArray | None = 
     taken.
     """
     surface = patch.vertices[patch.boundary]
-    lengths = np.linalg.norm(np.roll(surface, -1, axis=0) - surface, axis=1)
+    lengths = np.linalg.norm(np.roll(surface, -1, axis=0) - surface, axis=1) + patch.mollification
     with np.errstate(divide="ignore", invalid="ignore"):
         log_ratio = np.log(np.linalg.norm(np.roll(boundary, -1, axis=0) - boundary, axis=1) / lengths)
     candidates = _even_directions(_DIRECTIONS)

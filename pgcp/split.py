@@ -25,6 +25,7 @@ from pgcp.types import EdgeTable, IntArray, Mesh, Patch, WeldPlan, WeldStep
 
 _BOUNDARY_POINTS = 8000
 _MOST_PARTS = 8
+_TIE_DIGITS = 9
 _NEAR_ENDS = np.array([16, 12, 8, 6, 4, 4, 3, 3, 2, 2, 2, 2, 2, 2, 2, 2])
 
 
@@ -58,7 +59,7 @@ def _subdivision(tails: IntArray, heads: IntArray, vertex_count: int) -> IntArra
     return parts
 
 
-def _edge_table(mesh: Mesh, twins: IntArray, labels: IntArray) -> EdgeTable:
+def _edge_table(mesh: Mesh, twins: IntArray, labels: IntArray, mollification: float) -> EdgeTable:
     half = np.arange(len(twins))
     inner = twins >= 0
     apart = inner & (labels[half // 3] != labels[np.where(inner, twins, 0) // 3])
@@ -67,7 +68,7 @@ def _edge_table(mesh: Mesh, twins: IntArray, labels: IntArray) -> EdgeTable:
     tail, head = flat[kept], flat[kept - kept % 3 + (kept % 3 + 1) % 3]
     count = len(mesh.vertices)
     keys = np.sort(np.minimum(tail, head) * count + np.maximum(tail, head))
-    return EdgeTable(keys, _subdivision(keys // count, keys % count, count), count)
+    return EdgeTable(keys, _subdivision(keys // count, keys % count, count), count, mollification)
 
 
 def plan_welds(table: SeamTable, patch_count: int, closed: bool = False) -> WeldPlan:
@@ -95,6 +96,7 @@ def plan_welds(table: SeamTable, patch_count: int, closed: bool = False) -> Weld
             raise PartitionInputError(f"no two of the remaining components {left} share exactly one arc")
         pairs = contacts.pairs[usable]
         perimeter = border[pairs].sum(axis=1) - 2.0 * contacts.length[usable]
+        perimeter = np.round(perimeter / border.sum(), _TIE_DIGITS)  # ties fall the same way whatever rounding says
         best = int(np.lexsort((pairs[:, 1], pairs[:, 0], perimeter))[0])
         p, q = (int(v) for v in pairs[best])
         result = patch_count + step
@@ -110,7 +112,13 @@ def plan_welds(table: SeamTable, patch_count: int, closed: bool = False) -> Weld
 
 
 def split_mesh(
-    mesh: Mesh, topology: Topology, patch_count: int, seed: int = 0, cut_edges: IntArray | None = None, repair: bool = False
+    mesh: Mesh,
+    topology: Topology,
+    patch_count: int,
+    seed: int = 0,
+    cut_edges: IntArray | None = None,
+    repair: bool = False,
+    mollification: float = 0.0,
 ) -> Split:
     """Split a mesh into disks, by graph partition or along the user's cut edges (N, 2).
 
@@ -141,7 +149,7 @@ def split_mesh(
     except PartitionError as problem:
         raise PartitionInputError(str(problem)) from problem
     plan = plan_welds(table, patch_count, closed)
-    return Split(labels, patch_count, _edge_table(mesh, topology.twins, labels), plan)
+    return Split(labels, patch_count, _edge_table(mesh, topology.twins, labels, mollification), plan)
 
 
 @numba.njit(cache=True)
@@ -169,4 +177,4 @@ def cut_patch(mesh: Mesh, split: Split, index: int) -> Patch:
     loops = boundary_loops(faces, pair_half_edges(faces, len(vertex_ids)), len(vertex_ids))
     loop = vertex_ids[loops[0]]
     parts = split.edges.parts[split.edges.rank(loop, np.roll(loop, -1))]
-    return Patch(index, mesh.vertices[vertex_ids], faces, vertex_ids, face_ids, loops[0], parts)
+    return Patch(index, mesh.vertices[vertex_ids], faces, vertex_ids, face_ids, loops[0], parts, split.edges.mollification)

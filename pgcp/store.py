@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,8 @@ class PatchStore:
     def read_patch(self, index: int) -> Patch:
         """Load a patch."""
         with np.load(self._path("patch", index)) as data:
-            arrays = {f.name: data[f.name] for f in fields(Patch) if f.name != "index"}
+            arrays: dict[str, Any] = {f.name: data[f.name] for f in fields(Patch) if f.name != "index"}
+        arrays["mollification"] = float(arrays["mollification"])
         return Patch(index=index, **arrays)
 
     def write_map(self, solved: PatchMap) -> None:

@@ -80,7 +80,7 @@ class SolveReport:
 
 def factor_patch(patch: Patch, backend: str) -> DirichletFactor:
     """Eliminate a patch's interior."""
-    return eliminate_interior(cotangent_laplacian(patch.vertices, patch.faces), patch.boundary, backend)
+    return eliminate_interior(cotangent_laplacian(patch.vertices, patch.faces, patch.mollification), patch.boundary, backend)
 
 
 def flatten_simply(patch: Patch, factor: DirichletFactor, method: str, backend: str) -> BoundaryCurve:
@@ -96,7 +96,7 @@ def flatten_simply(patch: Patch, factor: DirichletFactor, method: str, backend: 
     if len(patch.faces) < 2:
         raise WeldFailedError(f"the free boundary of patch {patch.index} crosses itself in a single face")
     mesh = Mesh(patch.vertices, patch.faces, f"patch {patch.index}")
-    split = split_mesh(mesh, examine(mesh.faces, len(mesh.vertices)), 2)
+    split = split_mesh(mesh, examine(mesh.faces, len(mesh.vertices)), 2, mollification=patch.mollification)
     parts = split.edges.parts.copy()
     parts[split.edges.rank(patch.boundary, np.roll(patch.boundary, -1))] = patch.parts
     split = replace(split, edges=replace(split.edges, parts=parts))

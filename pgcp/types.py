@@ -57,7 +57,8 @@ class Patch:
 
     vertices (Vp, 3); faces (Fp, 3) local; vertex_ids (Vp,) and face_ids (Fp,) in the mesh;
     boundary (Bp,) local ids, counter-clockwise, from the lowest mesh vertex id on it;
-    parts (Bp,) into how many parts the edge from each of them on is subdivided for welding.
+    parts (Bp,) into how many parts the edge from each of them on is subdivided for welding; mollification: how much
+    longer every edge is taken to be, 0 where every face has an area.
     """
 
     index: int
@@ -67,6 +68,7 @@ class Patch:
     face_ids: IntArray
     boundary: IntArray
     parts: IntArray
+    mollification: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,12 +76,14 @@ class EdgeTable:
     """All seam and boundary edges of a split: sorted keys ``low * vertex_count + high`` (E,), and parts (E,).
 
     ``parts`` says into how many equal parts each edge is subdivided for welding, the same from either side. The node
-    inserted as the t-th from the lower vertex has a number of its own, from vertex_count upwards.
+    inserted as the t-th from the lower vertex has a number of its own, from vertex_count upwards. Every edge is taken to
+    be longer by ``mollification``.
     """
 
     keys: IntArray
     parts: IntArray
     vertex_count: int
+    mollification: float = 0.0
 
     def rank(self, tails: IntArray, heads: IntArray) -> IntArray:
         """Positions in the table of edges given by their ends."""
