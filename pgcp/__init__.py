@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from pgcp.check import check_mesh
     from pgcp.errors import (
         BadFileError,
+        CrowdedError,
         DegenerateError,
         FoldError,
         InputError,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 __all__ = [
     "BadFileError",
+    "CrowdedError",
     "DegenerateError",
     "FoldError",
     "InputError",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 import time
@@ -49,6 +50,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--output-dir", type=Path, metavar="DIR", help="where results go (default <stem>_pgcp beside the mesh)")
     parser.add_argument("--check-only", action="store_true", help="say what the mesh is and list its defects, then stop")
+    parser.add_argument("--json", action="store_true", help="print one JSON object: the result, or the error")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
     parser.add_argument("--debug", action="store_true", help="show tracebacks")
     parser.add_argument("--version", action="version", version=f"%(prog)s {_version()}")
@@ -131,6 +133,20 @@ def _summary(result: Parameterization, seconds: float, directory: Path) -> str:
     )
 
 
+def _record(result: Parameterization, seconds: float, paths: list[Path]) -> dict[str, Any]:
+    """What ``--json`` says of a finished map."""
+    report = result.report
+    return {
+        "status": NUMERICAL if result.quality.folds else GOOD,
+        "mesh": report["mesh"],
+        "target": result.target,
+        "patches": len(report["patches"]),
+        "seconds": round(seconds, 3),
+        "quality": report["quality"],
+        "files": [str(path) for path in paths],
+    }
+
+
 def _options(arguments: argparse.Namespace) -> Options:
     return Options(
         patches=arguments.patches,
@@ -173,10 +189,12 @@ def _run(arguments: argparse.Namespace) -> int:
     with _Bars(sys.stderr.isatty() and not arguments.quiet) as bars:
         result = compute(demo_mesh() if arguments.mesh is None else arguments.mesh, options, bars)
     try:
-        write_outputs(directory, stem, result, draw(result))
+        paths = write_outputs(directory, stem, result, draw(result))
     except OSError as problem:
         raise InputError(f"{directory}: cannot write the results: {problem}") from problem
-    if not arguments.quiet:
+    if arguments.json:
+        print(json.dumps(_record(result, time.perf_counter() - started, paths)))
+    elif not arguments.quiet:
         print(_summary(result, time.perf_counter() - started, directory))
     if result.quality.folds:
         faces = len(result.mesh.faces)
@@ -197,8 +215,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (InputError, NumericalError) as problem:
         if arguments.debug:
             raise
+        status = BAD_INPUT if isinstance(problem, InputError) else NUMERICAL
+        if arguments.json:
+            print(json.dumps({"status": status, "error": type(problem).__name__, "message": str(problem)}))
         print(f"pgcp-run: {problem}", file=sys.stderr)
-        return BAD_INPUT if isinstance(problem, InputError) else NUMERICAL
+        return status
     except KeyboardInterrupt:
         print("pgcp-run: interrupted; nothing was written", file=sys.stderr)
         return _INTERRUPTED

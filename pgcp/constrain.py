@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgcp.errors import SolveFailedError, WeldFailedError
+from pgcp.errors import CrowdedError, WeldFailedError
 from pgcp.geodesic import balanced_centre, geodesic_map, roomiest_centre
 from pgcp.mobius import balance_sphere
 from pgcp.natural import crosses_itself, loop_edges
@@ -30,7 +30,7 @@ def constrain_to_disk(union: Component) -> SeamPositions:
 
     The boundary's mean, weighted by length on the surface, comes to 0. Where that leaves boundary vertices too close to
     be told apart, the disk is centred where they have most room instead, and what is still too close is spread out.
-    Raises WeldFailedError where the boundary crosses itself, SolveFailedError where parts are so long and thin that the
+    Raises WeldFailedError where the boundary crosses itself, CrowdedError where parts are so long and thin that the
     circle has no room for them.
     """
     on_mesh = union.nodes < union.vertex_count
@@ -40,12 +40,12 @@ def constrain_to_disk(union: Component) -> SeamPositions:
     plane = geodesic_map(union.z[union.loop], union.z[inside])
     if isinstance(plane, int):
         if not crosses_itself(union.z[union.loop]):
-            raise SolveFailedError(_TOO_LONG)
+            raise CrowdedError(_TOO_LONG)
         raise WeldFailedError(f"the welded boundary of {len(union.loop)} points crosses itself near its point {plane}")
     lengths = union.lengths[loop_edges(union.edges, union.loop, len(union.nodes))]
     centre = balanced_centre(plane, 0.5 * (lengths + np.roll(lengths, 1)))
     if centre is None:
-        raise SolveFailedError(_TOO_LONG)
+        raise CrowdedError(_TOO_LONG)
     corners = union.corners
     gaps = np.add.reduceat(plane.circle_gaps(centre), corners)
     if gaps.min() < _CROWDED:
@@ -53,7 +53,7 @@ def constrain_to_disk(union: Component) -> SeamPositions:
         gaps = np.add.reduceat(plane.circle_gaps(centre), corners)
     smallest = float(gaps.min())
     if smallest < _LOST:
-        raise SolveFailedError(_TOO_LONG)
+        raise CrowdedError(_TOO_LONG)
     tight = gaps < _FLOOR
     gaps = np.where(tight, _FLOOR, gaps)
     angles = 2.0 * np.pi * np.concatenate([[0.0], np.cumsum(gaps[:-1])]) / gaps.sum()

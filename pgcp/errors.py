@@ -10,6 +10,7 @@ PgcpError
 `- NumericalError(ArithmeticError)   exit status 3
    |- SolveFailedError               a factorization or a solve failed
    |- WeldFailedError                two patches could not be welded
+   |- CrowdedError                   parts of the surface are too long and thin for the target
    `- FoldError                      the finished map has folded faces
 """
 
@@ -56,6 +57,10 @@ class SolveFailedError(NumericalError):
 
 class WeldFailedError(NumericalError):
     """Two boundary curves could not be welded."""
+
+
+class CrowdedError(NumericalError):
+    """Parts of the surface are so long and thin that the target has no room for them in double precision."""
 
 
 class FoldError(NumericalError):

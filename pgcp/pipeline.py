@@ -22,14 +22,14 @@ from pgcp.check import check_centre, check_mesh, fitting_target, unit_mesh
 from pgcp.constrain import constrain_to_disk, constrain_to_sphere, keep_free
 from pgcp.correct import Correction, correct
 from pgcp.dirichlet import choose_backend
-from pgcp.errors import FoldError, InputError, WeldFailedError
+from pgcp.errors import FoldError, InputError, SolveFailedError, WeldFailedError
 from pgcp.executors import DaskExecutor, Executor, Progress, SerialExecutor, silent
 from pgcp.io import read_cuts, read_mesh
 from pgcp.operators import needed_mollification
 from pgcp.options import Options
 from pgcp.quality import measure_quality
-from pgcp.repair import repair_folds
-from pgcp.split import Split, cut_patch, split_mesh
+from pgcp.repair import Repair, repair_folds
+from pgcp.split import CROWDING, Split, cut_patch, split_mesh
 from pgcp.store import PatchStore
 from pgcp.tasks import Job, SolveReport, flatten_task, relax_task, solve_task, weld_closed_task, weld_task
 from pgcp.topology import Topology
@@ -47,7 +47,7 @@ from pgcp.types import (
 )
 from pgcp.weld import start_component
 
-_ATTEMPTS = 3
+_SEEDS = 3
 _CONSTRAIN = {"free": keep_free, "disk": constrain_to_disk, "sphere": constrain_to_sphere}
 _CORRECTION = {"free": "none", "disk": "auto", "sphere": "auto"}
 _PACKAGES = ("pgcp", "numpy", "scipy", "numba", "networkx", "dask", "distributed", "pymetis", "mkl")
@@ -179,6 +179,47 @@ def _map_patches(mesh: Mesh, split: Split, target: str, job: Job, executor: Exec
     return _Mapped(split, patches, curves, solved, welds, seams, points, mu)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Finished:
+    """One finished map: positions, the faces whose image changed after the solve, what was corrected and repaired."""
+
+    mapped: _Mapped
+    points: Positions
+    touched: IntArray
+    correction: Correction | None
+    repair: Repair | None
+    seed: int
+
+    @property
+    def folds(self) -> int:
+        """Folds that are left."""
+        return self.repair.folds_after if self.repair is not None else 0
+
+
+def _finish(
+    mapped: _Mapped, mesh: Mesh, target: str, boundary: IntArray, seed: int, options: Options, clock: _Clock
+) -> _Finished:
+    """Correct a map and repair its folds; a correction that leaves folds is taken back."""
+    with clock.stage("correct"):
+        points, correction = _corrected(mesh, mapped.points, target, boundary, options)
+    with clock.stage("repair"):
+        fixed = boundary if target == "disk" else boundary[:0]
+        points, touched, repair = repair_folds(mesh, points, fixed)
+        if repair is not None and repair.folds_after and correction is not None and correction.share:
+            points, touched, repair = repair_folds(mesh, mapped.points, fixed)
+            correction = correction.undone()
+    if (correction is not None and correction.share) or options.centre is not None:
+        touched = np.arange(len(mesh.faces))
+    return _Finished(mapped, points, touched, correction, repair, seed)
+
+
+def _attempts(options: Options, closed: bool, count: int) -> list[tuple[int, float]]:
+    """Seeds and weld orders to try, one after the other, until one gives a map without folds."""
+    orders = CROWDING[closed], CROWDING[not closed]
+    seeds = [options.seed] if options.cuts is not None else [options.seed + i for i in range(_SEEDS)]
+    return [(seed, order) for seed in seeds for order in orders] if count > 2 else [(seed, orders[0]) for seed in seeds]
+
+
 def _map_with_retries(
     mesh: Mesh,
     topology: Topology,
@@ -188,22 +229,34 @@ def _map_with_retries(
     job: Job,
     executor: Executor,
     clock: _Clock,
-) -> tuple[_Mapped, list[dict[str, Any]]]:
-    """Map the patches; where a weld fails, try again with patches of another seed, unless the cuts are the user's."""
+) -> tuple[_Finished, list[dict[str, Any]]]:
+    """Map the patches; where a weld fails or folds remain, try another weld order, then patches of another seed."""
     cuts = read_cuts(options.cuts) if options.cuts is not None else None
     count = options.patch_count(len(mesh.faces), 2 if target == "sphere" else 1)
+    boundary = topology.loops[0] if topology.loops else np.empty(0, np.int64)
     failures: list[dict[str, Any]] = []
-    while True:
-        seed = options.seed + len(failures)
+    best: _Finished | None = None
+    problem: WeldFailedError | SolveFailedError | None = None
+    for seed, order in _attempts(options, not topology.loops, count):
         with clock.stage("split"):
-            split = split_mesh(mesh, topology, count, seed, cuts, options.repair_cuts, mollification)
+            split = split_mesh(mesh, topology, count, seed, cuts, options.repair_cuts, mollification, order)
         try:
-            job_now = replace(job, run=f"{job.run}-{len(failures)}")
-            return _map_patches(mesh, split, target, job_now, executor, clock), failures
-        except WeldFailedError as problem:
-            failures.append({"seed": seed, "reason": str(problem)})
-            if cuts is not None or split.patch_count == 1 or len(failures) == _ATTEMPTS:
-                raise
+            mapped = _map_patches(mesh, split, target, replace(job, run=f"{job.run}-{len(failures)}"), executor, clock)
+        except (WeldFailedError, SolveFailedError) as caught:
+            problem = caught
+            failures.append({"seed": seed, "weld_order": order, "reason": str(caught)})
+        else:
+            finished = _finish(mapped, mesh, target, boundary, seed, options, clock)
+            if best is None or finished.folds < best.folds:
+                best = finished
+            if finished.folds == 0:
+                break
+            failures.append({"seed": seed, "weld_order": order, "reason": f"{finished.folds} folds are left"})
+        if split.patch_count == 1:
+            break
+    if best is None:
+        raise problem if problem is not None else WeldFailedError("no weld order was tried")
+    return best, failures
 
 
 def _corrected(
@@ -235,21 +288,12 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
     ):
         clock.executor = executor
         job = Job(run, Path(directory), options.flatten, backend, options.factor_cache_bytes)
-        mapped, failures = _map_with_retries(mesh, topology, target, mollification, options, job, executor, clock)
-        boundary = topology.loops[0] if topology.loops else np.empty(0, np.int64)
-        with clock.stage("correct"):
-            points, correction = _corrected(mesh, mapped.points, target, boundary, options)
-        with clock.stage("repair"):
-            fixed = boundary if target == "disk" else boundary[:0]
-            points, touched, repair = repair_folds(mesh, points, fixed)
-            if repair is not None and repair.folds_after and correction is not None and correction.share:
-                points, touched, repair = repair_folds(mesh, mapped.points, fixed)
-                correction = correction.undone()
+        done, failures = _map_with_retries(mesh, topology, target, mollification, options, job, executor, clock)
+        mapped = done.mapped
         with clock.stage("place"):
-            coordinates = placed(mesh, points, target, boundary, options.centre)
-            if (correction is not None and correction.share) or options.centre is not None:
-                touched = np.arange(len(mesh.faces))
-            mapped.mu[touched] = map_coefficients(mesh, mesh.faces[touched], coordinates)
+            boundary = topology.loops[0] if topology.loops else np.empty(0, np.int64)
+            coordinates = placed(mesh, done.points, target, boundary, options.centre)
+            mapped.mu[done.touched] = map_coefficients(mesh, mesh.faces[done.touched], coordinates)
         description = executor.describe()
     clock.executor = SerialExecutor()
     with clock.stage("measure"):
@@ -260,7 +304,7 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         "mesh": {"name": mesh.name, "vertices": len(mesh.vertices), "faces": len(mesh.faces)},
         "versions": _versions(),
         "options": _plain(options),
-        "seed": options.seed + len(failures),
+        "seed": done.seed,
         "backend": backend,
         "threads": description["threads_per_worker"],
         "executor": description,
@@ -273,8 +317,8 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         "target": target,
         "smallest_gap": mapped.seams.smallest_gap,
         "spread_points": mapped.seams.spread_count,
-        "correction": asdict(correction) if correction is not None else None,
-        "repairs": [asdict(repair)] if repair is not None else [],
+        "correction": asdict(done.correction) if done.correction is not None else None,
+        "repairs": [asdict(done.repair)] if done.repair is not None else [],
         "quality": asdict(quality),
         "status": "good" if quality.folds == 0 else "folded",
     }

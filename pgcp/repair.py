@@ -20,7 +20,7 @@ from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Positions
 _ROUNDS = 40
 _MOST_FOLDS = 2000
 _MOST_FRACTION = 0.005
-_ALWAYS = 10
+_ALWAYS = 50
 _ENOUGH = 0.1
 _STEPS = np.linspace(0.05, 1.0, 20)
 _LOWEST = 0.05
@@ -116,7 +116,7 @@ def repair_folds(mesh: Mesh, points: Positions, fixed: IntArray) -> tuple[Positi
 
     points: complex (V,) in the plane or unit vectors (V, 3); fixed: vertices that must stay. Returns new positions, the
     faces (sorted) whose image changed, and what was done: None where there was no fold. Many folds (over half a percent of
-    the faces) are left as they are: then the map is wrong, and moving vertices would only hide it.
+    the faces and over 50) are left as they are: then the map is wrong, and moving vertices would only hide it.
     """
     folded = _fold_list(mesh.faces, points)
     before = len(folded)

@@ -26,6 +26,8 @@ from pgcp.types import EdgeTable, IntArray, Mesh, Patch, WeldPlan, WeldStep
 _BOUNDARY_POINTS = 8000
 _MOST_PARTS = 8
 _TIE_DIGITS = 9
+CROWDING = {False: 0.25, True: 1.0}  # what a long seam costs in the weld order of open and closed surfaces
+_NECK = 1e-3
 _NEAR_ENDS = np.array([16, 12, 8, 6, 4, 4, 3, 3, 2, 2, 2, 2, 2, 2, 2, 2])
 
 
@@ -71,15 +73,16 @@ def _edge_table(mesh: Mesh, twins: IntArray, labels: IntArray, mollification: fl
     return EdgeTable(keys, _subdivision(keys // count, keys % count, count), count, mollification)
 
 
-def plan_welds(table: SeamTable, patch_count: int, closed: bool = False) -> WeldPlan:
+def plan_welds(table: SeamTable, patch_count: int, closed: bool = False, crowding: float | None = None) -> WeldPlan:
     """Plan all welds before any is run: a binary tree over the patch graph.
 
     A pair can be welded where its intersection is one arc. In a disk made of disks such a pair always exists, and the
     union is a disk again, so choosing greedily never runs into a dead end; the same holds on a closed surface until two
     disks are left, which share their whole boundary and are welded last. Chosen is the pair whose union has the
-    shortest seams left around it: unions stay round, and no weld has to run up and down a long thin part. Raises
-    PartitionInputError where no pair is left.
+    shortest perimeter P left around it, so that unions stay round, plus ``crowding`` times s^2 / P for a seam of length s:
+    a long seam behind a narrow neck crowds all that lies beyond. Raises PartitionInputError where no pair is left.
     """
+    weight = CROWDING[closed] if crowding is None else crowding
     graph: nx.Graph = nx.Graph()
     graph.add_nodes_from(range(patch_count), level=0)
     relabel = np.arange(patch_count)
@@ -95,9 +98,11 @@ def plan_welds(table: SeamTable, patch_count: int, closed: bool = False) -> Weld
             left = sorted({name[label] for label in np.unique(relabel).tolist()})
             raise PartitionInputError(f"no two of the remaining components {left} share exactly one arc")
         pairs = contacts.pairs[usable]
-        perimeter = border[pairs].sum(axis=1) - 2.0 * contacts.length[usable]
-        perimeter = np.round(perimeter / border.sum(), _TIE_DIGITS)  # ties fall the same way whatever rounding says
-        best = int(np.lexsort((pairs[:, 1], pairs[:, 0], perimeter))[0])
+        seam = contacts.length[usable]
+        perimeter = np.maximum(border[pairs].sum(axis=1) - 2.0 * seam, _NECK * seam)
+        cost = perimeter + weight * seam**2 / perimeter
+        cost = np.round(cost / border.sum(), _TIE_DIGITS)  # ties fall the same way whatever rounding says
+        best = int(np.lexsort((pairs[:, 1], pairs[:, 0], cost))[0])
         p, q = (int(v) for v in pairs[best])
         result = patch_count + step
         new_level = 1 + max(level[p], level[q])
@@ -119,6 +124,7 @@ def split_mesh(
     cut_edges: IntArray | None = None,
     repair: bool = False,
     mollification: float = 0.0,
+    crowding: float | None = None,
 ) -> Split:
     """Split a mesh into disks, by graph partition or along the user's cut edges (N, 2).
 
@@ -148,7 +154,7 @@ def split_mesh(
         table = seam_table(mesh.vertices, mesh.faces, topology.twins, labels)
     except PartitionError as problem:
         raise PartitionInputError(str(problem)) from problem
-    plan = plan_welds(table, patch_count, closed)
+    plan = plan_welds(table, patch_count, closed, crowding)
     return Split(labels, patch_count, _edge_table(mesh, topology.twins, labels, mollification), plan)
 
 

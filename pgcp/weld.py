@@ -199,6 +199,20 @@ def _similarity(fixed: ComplexArray, moving: ComplexArray) -> tuple[complex, com
     return a, complex(centre_fixed - a * centre_moving), miss
 
 
+def _opened(side: Component, arc: IntArray, others: IntArray, branch: float) -> tuple[FloatArray, ComplexArray]:
+    """Open an arc of a component's loop (see ``open_arc``): gaps of its points, and the other points.
+
+    Raises WeldFailedError where the curve is not simple, or so crowded that it is not in numbers.
+    """
+    try:
+        gaps, moved, stuck = open_arc(side.z[arc], side.z[others], branch)
+    except ZeroDivisionError:
+        stuck = 0
+    if stuck >= 0:
+        raise WeldFailedError(f"a boundary curve of {len(side.loop)} points crosses itself near point {stuck} of its seam")
+    return gaps, moved
+
+
 def weld_pair(left: Component, right: Component) -> Component:
     """Weld two components along the arc their outer loops share (PGCP Algorithm 2).
 
@@ -215,11 +229,8 @@ def weld_pair(left: Component, right: Component) -> Component:
         z = np.concatenate([left.z[arc_left], left.z[sides[0]], a * right.z[sides[1]] + b])
         if not crosses_itself(z[union.loop]):
             return replace(union, z=z)
-    gaps_a, z_a, stuck_a = open_arc(left.z[arc_left], left.z[sides[0]], 1.0)
-    gaps_b, z_b, stuck_b = open_arc(right.z[arc_right], right.z[sides[1]], -1.0)
-    for stuck, side in ((stuck_a, left), (stuck_b, right)):
-        if stuck >= 0:
-            raise WeldFailedError(f"a boundary curve of {len(side.loop)} points crosses itself near point {stuck} of its seam")
+    gaps_a, z_a = _opened(left, arc_left, sides[0], 1.0)
+    gaps_b, z_b = _opened(right, arc_right, sides[1], -1.0)
     z_a, gaps_a, z_b, gaps_b, wide_a, wide_b = _separate(z_a, gaps_a, z_b, gaps_b)
     fan = _gap_fan(z_a, z_b, wide_a, wide_b)
     arc, moved, stuck = close_arcs(gaps_a, gaps_b, np.concatenate([z_a, z_b, fan]))
@@ -229,7 +240,7 @@ def weld_pair(left: Component, right: Component) -> Component:
     z = normalise(z, union.edges, union.lengths, moved[len(z_a) + len(z_b) :])
     if not np.isfinite(z).all():
         raise WeldFailedError(f"welding along {k} edges gave positions that are not finite")
-    return relax_boundary(replace(union, z=z))
+    return relax_boundary(_without_inserted(replace(union, z=z), k))
 
 
 def weld_closed(left: Component, right: Component) -> Component:
@@ -249,11 +260,8 @@ def weld_closed(left: Component, right: Component) -> Component:
         raise WeldFailedError("the last two components do not share their whole boundaries")
     k = len(loop_left) - 1
     union, sides = _join(left, right, loop_left, loop_right, k)
-    gaps_a, z_a, stuck_a = open_arc(left.z[loop_left], left.z[sides[0]], 1.0)
-    gaps_b, z_b, stuck_b = open_arc(right.z[loop_right], right.z[sides[1]], -1.0)
-    for stuck, side in ((stuck_a, left), (stuck_b, right)):
-        if stuck >= 0:
-            raise WeldFailedError(f"a boundary curve of {len(side.loop)} points crosses itself near its point {stuck}")
+    gaps_a, z_a = _opened(left, loop_left, sides[0], 1.0)
+    gaps_b, z_b = _opened(right, loop_right, sides[1], -1.0)
     z_a, gaps_a, z_b, gaps_b = _one_scale(z_a, gaps_a, z_b, gaps_b)
     arc, moved, stuck = close_arcs(gaps_a, gaps_b, np.concatenate([z_a, z_b]))
     if stuck >= 0:
@@ -294,6 +302,31 @@ def _join(
         vertex_count=left.vertex_count,
     )
     return union, (rest_left, rest_right)
+
+
+def _without_inserted(union: Component, k: int) -> Component:
+    """Drop the nodes inserted into the seam just welded, nodes 0 .. k of the union.
+
+    They have done their work: what follows needs the seam's mesh vertices only, which crowd less.
+    """
+    kept = np.flatnonzero(union.nodes[: k + 1] < union.vertex_count)
+    low, high = union.edges.min(axis=1), union.edges.max(axis=1)
+    along = (high <= k) & (high - low == 1)
+    lengths = np.zeros(k + 1)
+    lengths[high[along]] = union.lengths[along]
+    to_new = np.full(len(union.nodes), -1)
+    stays = np.concatenate([kept, np.arange(k + 1, len(union.nodes))])
+    to_new[stays] = np.arange(len(stays))
+    between = np.diff(np.cumsum(lengths)[kept])
+    seam = np.column_stack([np.arange(len(kept) - 1), np.arange(1, len(kept))])
+    return replace(
+        union,
+        nodes=union.nodes[stays],
+        z=union.z[stays],
+        loop=to_new[union.loop],
+        edges=np.concatenate([seam, to_new[union.edges[~along]]]),
+        lengths=np.concatenate([between, union.lengths[~along]]),
+    )
 
 
 def relax_boundary(union: Component) -> Component:

@@ -230,6 +230,20 @@ def test_numerical_failures_and_bugs_have_their_own_status(folder, monkeypatch, 
         main([str(folder / "hills.obj"), "--debug"])
 
 
+def test_json_says_what_was_made_and_what_went_wrong(folder):
+    done = run(folder / "hills.obj", "--json", "--target", "disk")
+    said = json.loads(done.stdout)
+    assert done.returncode == said["status"] == 0
+    assert said["target"] == "disk"
+    assert said["mesh"]["faces"] == 384
+    assert said["quality"]["folds"] == 0
+    assert all(Path(name).exists() for name in said["files"])
+    done = run(folder / "hills.obj", "--json", "--target", "sphere")
+    said = json.loads(done.stdout)
+    assert (done.returncode, said["status"], said["error"]) == (2, 2, "NotSimplyConnectedError")
+    assert said["message"] in done.stderr
+
+
 def test_version_is_printed():
     assert run("--version").stdout.startswith("pgcp-run 0.")
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from meshes import cap, grid, lifted, similarity_error
+from meshes import cap, grid, lifted, similarity_error, spheroid
 
 import pgcp
 from pgcp import errors
@@ -316,10 +316,61 @@ def test_flat_meshes_are_refused():
     line = Mesh(np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), np.array([[0, 1, 2]]))
     with pytest.raises(errors.DegenerateError, match="zero area"):
         pgcp.parameterize(line, patches=1)
-    points = grid(4).vertices.copy()
-    points[12] = points[13]
-    with pytest.raises(errors.DegenerateError, match="2 faces have zero area: faces"):
-        pgcp.parameterize(Mesh(points, grid(4).faces))
+    points = lifted(grid(9)).vertices
+    with pytest.raises(errors.DegenerateError, match=r"zero area"):
+        pgcp.parameterize(Mesh(0.0 * points, grid(9).faces))
+    far = Mesh((points + 1e7).astype(np.float32), grid(9).faces)
+    with pytest.raises(errors.DegenerateError, match=r"zero area; it lies 1e\+07 times its own size from the origin"):
+        pgcp.parameterize(far)
+
+
+def spoiled(mesh, kind, seed=0):
+    """A mesh with a dozen faces of no area, or next to none."""
+    rng = np.random.default_rng(seed)
+    points = mesh.vertices.copy()
+    for a, b, c in mesh.faces[rng.choice(len(mesh.faces), 12, replace=False)]:
+        if kind == "coincident":
+            points[a] = points[b]
+        elif kind == "collinear":
+            points[a] = 0.5 * (points[b] + points[c])
+        else:
+            points[a] = points[b] + 1e-13 * rng.normal(size=3)
+    return Mesh(points, mesh.faces)
+
+
+@pytest.mark.parametrize("patches", [2, 5])
+@pytest.mark.parametrize("kind", ["coincident", "collinear", "nearly"])
+@pytest.mark.parametrize("target", ["free", "disk", "sphere"])
+def test_faces_without_area_are_mapped_all_the_same(target, kind, patches):
+    base = spheroid(3, 2.0)[0] if target == "sphere" else lifted(grid(12, jitter=0.3))
+    mesh = spoiled(base, kind)
+    result = pgcp.parameterize(mesh, patches=patches, target=target)
+    assert result.quality.folds == 0
+    assert np.isfinite(result.coordinates).all()
+    assert np.isfinite(result.mu).all()
+    assert 0 < result.report["mollification"] < 1e-4
+    assert np.array_equal(result.mesh.vertices, mesh.vertices)
+
+
+@pytest.mark.parametrize("unit", [1e-200, 1e-20, 3.7, 1e18, 1e150])
+@pytest.mark.parametrize("target", ["free", "disk", "sphere"])
+def test_the_unit_of_length_makes_no_difference(target, unit):
+    mesh = spheroid(3, 2.0)[0] if target == "sphere" else lifted(grid(20, jitter=0.3))
+    one = pgcp.parameterize(mesh, patches=5, target=target)
+    other = pgcp.parameterize(Mesh(mesh.vertices * unit, mesh.faces), patches=5, target=target)
+    scale = unit if target == "free" else 1.0
+    assert np.abs(other.coordinates / scale - one.coordinates).max() < 1e-9
+    assert other.quality.angle_mean_deg == pytest.approx(one.quality.angle_mean_deg, rel=1e-9)
+
+
+@pytest.mark.parametrize("target", ["free", "disk", "sphere"])
+def test_the_place_and_the_direction_make_no_difference(target):
+    mesh = spheroid(3, 2.0)[0] if target == "sphere" else lifted(grid(20, jitter=0.3))
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    one = pgcp.parameterize(mesh, patches=5, target=target).coordinates
+    other = pgcp.parameterize(Mesh(mesh.vertices @ turn.T + [30, -70, 11], mesh.faces), patches=5, target=target).coordinates
+    assert np.abs(other - (one @ turn.T if target == "sphere" else one)).max() < 1e-9
 
 
 @pytest.mark.parametrize("patches", [1, 2])

@@ -11,9 +11,9 @@ import pgcp
 from pgcp.beltrami import folded_faces_on_sphere
 from pgcp.constrain import constrain_to_disk, constrain_to_sphere
 from pgcp.dirichlet import choose_backend, eliminate_interior
-from pgcp.errors import SolveFailedError, WeldFailedError
+from pgcp.errors import CrowdedError, SolveFailedError, WeldFailedError
 from pgcp.mobius import boost
-from pgcp.operators import cotangent_laplacian, cotangents, positive_laplacian
+from pgcp.operators import cotangent_laplacian, cotangents, needed_mollification, positive_laplacian
 from pgcp.solve import solve_patch
 from pgcp.split import cut_patch, split_mesh
 from pgcp.tasks import factor_patch, flatten_simply
@@ -190,7 +190,7 @@ def test_a_strip_with_ends_at_the_limit_is_spread_out():
 
 @pytest.mark.parametrize("length", [200, 2000])
 def test_a_strip_longer_than_numbers_can_tell_is_refused_with_the_reason(length):
-    with pytest.raises(SolveFailedError, match=r"so long and thin .* target free can map it"):
+    with pytest.raises(CrowdedError, match=r"so long and thin .* target free can map it"):
         pgcp.compute(grid(4, length), pgcp.Options(patches=4, target="disk"))
 
 
@@ -277,6 +277,18 @@ def test_positive_weights_undo_folds_where_they_are_needed(seed):
     assert solved.first_fold_count > 2  # the cotangent weights alone fold
     assert solved.raised_weights > 0
     assert solved.fold_count <= 2
+
+
+def test_mollified_weights_are_finite_and_near_the_true_ones():
+    mesh = grid(6, jitter=0.3)
+    true, near = (cotangent_laplacian(mesh.vertices, mesh.faces, m).toarray() for m in (0.0, 1e-9))
+    assert np.abs(near - true).max() < 1e-6
+    points = mesh.vertices.copy()
+    points[10] = points[11]
+    needed = needed_mollification(points, mesh.faces)
+    assert needed_mollification(mesh.vertices, mesh.faces) == 0
+    assert 0 < needed < 1e-4
+    assert np.isfinite(cotangent_laplacian(points, mesh.faces, needed).toarray()).all()
 
 
 def test_no_weight_is_raised_without_need():
