@@ -138,7 +138,7 @@ def test_folds_on_the_sphere_are_untangled(seed):
 
 
 def test_what_cannot_be_repaired_is_said():
-    mesh = grid(4)
+    mesh = grid(8)
     z = (mesh.vertices[:, 0] + 1j * mesh.vertices[:, 1]).conj()
     _, _, repair = repair_folds(mesh, z, np.empty(0, int))
     assert repair.folds_after > 0

@@ -46,10 +46,10 @@ def test_a_cap_goes_to_the_disk_by_its_exact_map_to_first_order(which, tmp_path)
     for n in (8, 16, 32):
         mesh, exact = cap(n)
         np.savetxt(tmp_path / "cuts.txt", rays(n, which), fmt="%d")
-        result = pgcp.parameterize(mesh, cuts=tmp_path / "cuts.txt", target="disk")
+        result = pgcp.parameterize(mesh, cuts=tmp_path / "cuts.txt", target="disk", moebius="none")
         assert len(result.report["patches"]) == len(which)
         errors.append(moebius_distance(result.coordinates @ [1, 1j], exact / np.abs(exact).max()))
-    assert errors[-1] < 5e-4
+    assert errors[-1] < 1e-3
     assert np.log2(np.array(errors[:-1]) / errors[1:]).min() > 0.9
 
 
