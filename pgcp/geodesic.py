@@ -60,7 +60,10 @@ def geodesic_map(boundary: ComplexArray, inside: ComplexArray) -> HalfPlane | in
 
     Returns the number of the boundary point that could not be opened where the curve is not simple.
     """
-    gaps, moved, stuck = open_arc(boundary, inside, 1.0)
+    try:
+        gaps, moved, stuck = open_arc(boundary, inside, 1.0)
+    except ZeroDivisionError:  # an inner point has run into the boundary
+        return 0
     if stuck >= 0:
         return stuck
     if not (gaps > 0.0).all():

@@ -20,8 +20,6 @@ import numpy as np
 from pgcp.types import ComplexArray, FloatArray, IntArray
 
 _MAX_PANELS = 1200
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
-_GAUSS_NODES, _GAUSS_WEIGHTS = 0.5 + 0.5 * _NODES, 0.5 * _WEIGHTS
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
@@ -239,12 +237,6 @@ def natural_boundary(
         return np.full(n, complex(np.nan, np.nan))
     own = np.full(len(edges), -1, np.int64)
     own[outer] = np.arange(len(loop))
-    steps = z[edges[:, 1]] - z[edges[:, 0]]
-    on_loop, inner = np.flatnonzero(own >= 0), np.flatnonzero(own < 0)
-    growth = np.zeros(len(edges), np.complex128)
-    middle = z[edges[on_loop, 0]] + 0.5 * steps[on_loop]
-    growth[on_loop] = np.exp(_cauchy(middle, own[on_loop], x, y, starts, reach, density))
-    for node, weight in zip(_GAUSS_NODES.tolist(), _GAUSS_WEIGHTS.tolist(), strict=True):
-        place = z[edges[inner, 0]] + node * steps[inner]
-        growth[inner] += weight * np.exp(_cauchy(place, own[inner], x, y, starts, reach, density))
-    return _integrate(n, edges, steps * growth)
+    middle = 0.5 * (z[edges[:, 0]] + z[edges[:, 1]])
+    phi = _cauchy(middle, own, x, y, starts, reach, density)
+    return _integrate(n, edges, (z[edges[:, 1]] - z[edges[:, 0]]) * np.exp(phi))

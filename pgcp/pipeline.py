@@ -215,7 +215,7 @@ def _finish(
 
 def _attempts(options: Options, closed: bool, count: int) -> list[tuple[int, float]]:
     """Seeds and weld orders to try, one after the other, until one gives a map without folds."""
-    orders = CROWDING[closed], CROWDING[not closed]
+    orders = CROWDING[closed]
     seeds = [options.seed] if options.cuts is not None else [options.seed + i for i in range(_SEEDS)]
     return [(seed, order) for seed in seeds for order in orders] if count > 2 else [(seed, orders[0]) for seed in seeds]
 

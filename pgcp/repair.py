@@ -18,6 +18,7 @@ from pgcp.operators import face_areas
 from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Positions
 
 _ROUNDS = 40
+_IDLE_ROUNDS = 5
 _MOST_FOLDS = 2000
 _MOST_FRACTION = 0.005
 _ALWAYS = 50
@@ -127,6 +128,7 @@ def repair_folds(mesh: Mesh, points: Positions, fixed: IntArray) -> tuple[Positi
         points = points.copy()
         surface = face_areas(mesh.vertices, mesh.faces)
         move = _move_in_plane if points.ndim == 1 else _move_on_sphere
+        fewest, idle = before, 0
         for _ in range(_ROUNDS):
             vertices = np.unique(mesh.faces[folded])
             near = np.flatnonzero(np.isin(mesh.faces, vertices).any(axis=1))
@@ -139,7 +141,9 @@ def repair_folds(mesh: Mesh, points: Positions, fixed: IntArray) -> tuple[Positi
                     moved.add(vertex)
                     changed = True
             folded = _fold_list(mesh.faces, points)
-            if len(folded) == 0 or not changed:
+            idle = 0 if len(folded) < fewest else idle + 1
+            fewest = min(fewest, len(folded))
+            if len(folded) == 0 or not changed or idle == _IDLE_ROUNDS:
                 break
     touched = np.flatnonzero(np.isin(mesh.faces, np.array(sorted(moved), np.int64)).any(axis=1))
     return points, touched, Repair("local untangling", before, len(folded), len(moved))

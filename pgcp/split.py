@@ -26,7 +26,8 @@ from pgcp.types import EdgeTable, IntArray, Mesh, Patch, WeldPlan, WeldStep
 _BOUNDARY_POINTS = 8000
 _MOST_PARTS = 8
 _TIE_DIGITS = 9
-CROWDING = {False: 0.25, True: 1.0}  # what a long seam costs in the weld order of open and closed surfaces
+# what a long seam costs in the weld order: first choice and second, of open and closed surfaces
+CROWDING = {False: (0.0, 0.25), True: (0.0, 1.0)}
 _NECK = 1e-3
 _NEAR_ENDS = np.array([16, 12, 8, 6, 4, 4, 3, 3, 2, 2, 2, 2, 2, 2, 2, 2])
 
@@ -73,7 +74,7 @@ def _edge_table(mesh: Mesh, twins: IntArray, labels: IntArray, mollification: fl
     return EdgeTable(keys, _subdivision(keys // count, keys % count, count), count, mollification)
 
 
-def plan_welds(table: SeamTable, patch_count: int, closed: bool = False, crowding: float | None = None) -> WeldPlan:
+def plan_welds(table: SeamTable, patch_count: int, closed: bool = False, crowding: float = 0.0) -> WeldPlan:
     """Plan all welds before any is run: a binary tree over the patch graph.
 
     A pair can be welded where its intersection is one arc. In a disk made of disks such a pair always exists, and the
@@ -82,7 +83,6 @@ def plan_welds(table: SeamTable, patch_count: int, closed: bool = False, crowdin
     shortest perimeter P left around it, so that unions stay round, plus ``crowding`` times s^2 / P for a seam of length s:
     a long seam behind a narrow neck crowds all that lies beyond. Raises PartitionInputError where no pair is left.
     """
-    weight = CROWDING[closed] if crowding is None else crowding
     graph: nx.Graph = nx.Graph()
     graph.add_nodes_from(range(patch_count), level=0)
     relabel = np.arange(patch_count)
@@ -100,7 +100,7 @@ def plan_welds(table: SeamTable, patch_count: int, closed: bool = False, crowdin
         pairs = contacts.pairs[usable]
         seam = contacts.length[usable]
         perimeter = np.maximum(border[pairs].sum(axis=1) - 2.0 * seam, _NECK * seam)
-        cost = perimeter + weight * seam**2 / perimeter
+        cost = perimeter + crowding * seam**2 / perimeter
         cost = np.round(cost / border.sum(), _TIE_DIGITS)  # ties fall the same way whatever rounding says
         best = int(np.lexsort((pairs[:, 1], pairs[:, 0], cost))[0])
         p, q = (int(v) for v in pairs[best])
@@ -124,7 +124,7 @@ def split_mesh(
     cut_edges: IntArray | None = None,
     repair: bool = False,
     mollification: float = 0.0,
-    crowding: float | None = None,
+    crowding: float = 0.0,
 ) -> Split:
     """Split a mesh into disks, by graph partition or along the user's cut edges (N, 2).
 

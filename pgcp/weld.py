@@ -240,7 +240,7 @@ def weld_pair(left: Component, right: Component) -> Component:
     z = normalise(z, union.edges, union.lengths, moved[len(z_a) + len(z_b) :])
     if not np.isfinite(z).all():
         raise WeldFailedError(f"welding along {k} edges gave positions that are not finite")
-    return relax_boundary(_without_inserted(replace(union, z=z), k))
+    return relax_boundary(replace(union, z=z))
 
 
 def weld_closed(left: Component, right: Component) -> Component:
@@ -302,31 +302,6 @@ def _join(
         vertex_count=left.vertex_count,
     )
     return union, (rest_left, rest_right)
-
-
-def _without_inserted(union: Component, k: int) -> Component:
-    """Drop the nodes inserted into the seam just welded, nodes 0 .. k of the union.
-
-    They have done their work: what follows needs the seam's mesh vertices only, which crowd less.
-    """
-    kept = np.flatnonzero(union.nodes[: k + 1] < union.vertex_count)
-    low, high = union.edges.min(axis=1), union.edges.max(axis=1)
-    along = (high <= k) & (high - low == 1)
-    lengths = np.zeros(k + 1)
-    lengths[high[along]] = union.lengths[along]
-    to_new = np.full(len(union.nodes), -1)
-    stays = np.concatenate([kept, np.arange(k + 1, len(union.nodes))])
-    to_new[stays] = np.arange(len(stays))
-    between = np.diff(np.cumsum(lengths)[kept])
-    seam = np.column_stack([np.arange(len(kept) - 1), np.arange(1, len(kept))])
-    return replace(
-        union,
-        nodes=union.nodes[stays],
-        z=union.z[stays],
-        loop=to_new[union.loop],
-        edges=np.concatenate([seam, to_new[union.edges[~along]]]),
-        lengths=np.concatenate([between, union.lengths[~along]]),
-    )
 
 
 def relax_boundary(union: Component) -> Component:
