@@ -125,10 +125,11 @@ def repair_folds(mesh: Mesh, points: Positions, fixed: IntArray) -> tuple[Positi
         return points, folded, None
     moved: set[int] = set()
     if before <= min(_MOST_FOLDS, max(_ALWAYS, _MOST_FRACTION * len(mesh.faces))):
+        best: tuple[int, Positions, set[int]] = before, points, set()
         points = points.copy()
         surface = face_areas(mesh.vertices, mesh.faces)
         move = _move_in_plane if points.ndim == 1 else _move_on_sphere
-        fewest, idle = before, 0
+        idle = 0
         for _ in range(_ROUNDS):
             vertices = np.unique(mesh.faces[folded])
             near = np.flatnonzero(np.isin(mesh.faces, vertices).any(axis=1))
@@ -141,9 +142,14 @@ def repair_folds(mesh: Mesh, points: Positions, fixed: IntArray) -> tuple[Positi
                     moved.add(vertex)
                     changed = True
             folded = _fold_list(mesh.faces, points)
-            idle = 0 if len(folded) < fewest else idle + 1
-            fewest = min(fewest, len(folded))
+            if len(folded) < best[0]:
+                best, idle = (len(folded), points.copy(), set(moved)), 0
+            else:
+                idle += 1
             if len(folded) == 0 or not changed or idle == _IDLE_ROUNDS:
                 break
+        left, points, moved = best
+    else:
+        left = before
     touched = np.flatnonzero(np.isin(mesh.faces, np.array(sorted(moved), np.int64)).any(axis=1))
-    return points, touched, Repair("local untangling", before, len(folded), len(moved))
+    return points, touched, Repair("local untangling", before, left, len(moved))

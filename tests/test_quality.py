@@ -144,6 +144,19 @@ def test_what_cannot_be_repaired_is_said():
     assert repair.folds_after > 0
 
 
+def test_a_repair_never_leaves_more_folds_than_it_found():
+    rng = np.random.default_rng(5)
+    for _ in range(6):
+        mesh = grid(5, jitter=0.4)
+        z = mesh.vertices @ [1, 1j, 0]
+        z[rng.choice(len(z), 9, replace=False)] += 0.4 * rng.normal(size=9)
+        mended, touched, repair = repair_folds(mesh, z, np.arange(6))
+        assert len(folded_faces(mesh.faces, mended)) == repair.folds_after <= repair.folds_before
+        changed = np.flatnonzero(mended != z)
+        assert repair.moved_vertices >= len(changed)
+        assert np.isin(np.flatnonzero(np.isin(mesh.faces, changed).any(axis=1)), touched).all()
+
+
 def test_types_refuse_what_is_no_mesh():
     from pgcp.errors import DegenerateError, InputError
 
