@@ -13,17 +13,25 @@ _ENOUGH_SPARE = 1e-10
 
 
 @numba.njit(cache=True)
+def _edge_lengths(vertices: FloatArray, face: IntArray, length: FloatArray) -> None:
+    """Write the lengths of a face's edges, edge i opposite corner i."""
+    for i in range(3):
+        p, q = face[(i + 1) % 3], face[(i + 2) % 3]
+        square = 0.0
+        for d in range(3):
+            square += (vertices[q, d] - vertices[p, d]) ** 2
+        length[i] = np.sqrt(square)
+
+
+@numba.njit(cache=True)
 def _mollified_cotangents(vertices: FloatArray, faces: IntArray, mollification: float) -> FloatArray:
     """Cotangents (F, 3) from edge lengths, each longer by the same ``mollification``: no triangle is degenerate then."""
     out = np.empty((faces.shape[0], 3))
     length = np.empty(3)
     for f in range(faces.shape[0]):
+        _edge_lengths(vertices, faces[f], length)
         for i in range(3):
-            p, q = faces[f, (i + 1) % 3], faces[f, (i + 2) % 3]
-            square = 0.0
-            for d in range(3):
-                square += (vertices[q, d] - vertices[p, d]) ** 2
-            length[i] = np.sqrt(square) + mollification
+            length[i] += mollification
         c, b, a = np.sort(length)
         # Heron's formula as Kahan orders it
         product = (a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c))
@@ -40,12 +48,7 @@ def _spare_length(vertices: FloatArray, faces: IntArray) -> tuple[float, float]:
     spare, total = np.inf, 0.0
     length = np.empty(3)
     for f in range(faces.shape[0]):
-        for i in range(3):
-            p, q = faces[f, (i + 1) % 3], faces[f, (i + 2) % 3]
-            square = 0.0
-            for d in range(3):
-                square += (vertices[q, d] - vertices[p, d]) ** 2
-            length[i] = np.sqrt(square)
+        _edge_lengths(vertices, faces[f], length)
         spare = min(spare, length.sum() - 2.0 * length.max())
         total += length.sum()
     return spare, total / (3.0 * faces.shape[0])
