@@ -7,7 +7,7 @@ from fractions import Fraction
 import numba
 import numpy as np
 
-from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh
+from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, Positions
 
 _ROUNDING = 8.0 * np.finfo(np.float64).eps
 
@@ -131,6 +131,11 @@ def folded_faces_on_sphere(faces: IntArray, points: FloatArray) -> IntArray:
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = (tuple(Fraction(x) for x in row) for row in points[faces[f]].tolist())
         folded[f] = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx) <= 0
     return np.flatnonzero(folded)
+
+
+def find_folds(faces: IntArray, points: Positions) -> IntArray:
+    """Indices of folded faces of a map to the plane, points complex (V,), or to the sphere, unit vectors (V, 3)."""
+    return folded_faces(faces, points) if points.ndim == 1 else folded_faces_on_sphere(faces, points)
 
 
 @numba.njit(cache=True)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from pgcp.errors import InputError, NumericalError
-from pgcp.options import FLATTENERS, MOEBIUS, TARGETS, Options
+from pgcp.options import FLATTENERS, MOEBIUS, REPAIRS, TARGETS, Options
 from pgcp.types import Mesh, Parameterization
 
 GOOD, BUG, BAD_INPUT, NUMERICAL = 0, 1, 2, 3
@@ -41,6 +41,15 @@ def build_parser() -> argparse.ArgumentParser:
         "--moebius", choices=MOEBIUS, default="auto", help="correct the finished map for least area or angle distortion"
     )
     parser.add_argument("--cuts", type=Path, metavar="FILE", help="cut along these edges: one pair of vertex ids a line")
+    parser.add_argument(
+        "--repairs",
+        default="all",
+        metavar="LIST",
+        help="which tiers may take folds away, in this order: all, none, or some of " + ", ".join(REPAIRS),
+    )
+    parser.add_argument(
+        "--no-overlap", action="store_true", help="where a free map overlaps itself, map to the disk instead, and say so"
+    )
     parser.add_argument("--repair-cuts", action="store_true", help="mend parts that the cuts leave and that are no disks")
     parser.add_argument("--flatten", choices=FLATTENERS, default="dncp", help="how patches are flattened (default dncp)")
     parser.add_argument("--backend", default="auto", help="sparse factorization: auto, pardiso or superlu")
@@ -120,6 +129,17 @@ def _counted(count: int, one: str, many: str) -> str:
     return f"{count} {one if count == 1 else many}"
 
 
+def _notes(report: dict[str, Any]) -> str:
+    """Lines on what a user should know of a map beside its quality."""
+    lines = [f"repaired by {r['method']}: {r['folds_before']} folds to {r['folds_after']}" for r in report["repairs"]]
+    if report["fallback"]:
+        lines.append(f"mapped to the disk, not with a free boundary: {report['fallback']['reason']}")
+    if report["overlap"] and report["overlap"]["crossings"]:
+        crossings = report["overlap"]["crossings"]
+        lines.append(f"the boundary crosses itself {crossings} times: the map overlaps itself (--no-overlap maps to the disk)")
+    return "".join(f"  {line}\n" for line in lines)
+
+
 def _summary(result: Parameterization, seconds: float, directory: Path) -> str:
     q = result.quality
     stages = ", ".join(f"{s['name']} {s['seconds']:.2f}" for s in result.report["stages"])
@@ -129,6 +149,7 @@ def _summary(result: Parameterization, seconds: float, directory: Path) -> str:
         f"{seconds:.1f} s ({stages})\n"
         f"  |angle error| mean {q.angle_mean_deg:.4f}, sd {q.angle_sd_deg:.4f}, max {q.angle_max_deg:.2f} degrees; "
         f"folds {q.folds}{'' if q.degree is None else f', degree {q.degree:.0f}'}\n"
+        f"{_notes(result.report)}"
         f"  results in {directory}"
     )
 
@@ -143,8 +164,18 @@ def _record(result: Parameterization, seconds: float, paths: list[Path]) -> dict
         "patches": len(report["patches"]),
         "seconds": round(seconds, 3),
         "quality": report["quality"],
+        "repairs": report["repairs"],
+        "overlap": report["overlap"],
+        "fallback": report["fallback"],
         "files": [str(path) for path in paths],
     }
+
+
+def _repairs(text: str) -> tuple[str, ...]:
+    """Tiers of repair named on the command line."""
+    if text in ("all", "none"):
+        return REPAIRS if text == "all" else ()
+    return tuple(name.strip() for name in text.split(","))
 
 
 def _options(arguments: argparse.Namespace) -> Options:
@@ -162,6 +193,8 @@ def _options(arguments: argparse.Namespace) -> Options:
         backend=arguments.backend,
         seed=arguments.seed,
         store=arguments.store,
+        repairs=_repairs(arguments.repairs),
+        no_overlap=arguments.no_overlap,
         factor_cache_bytes=arguments.factor_cache_mb * 1024**2,
     )
 
@@ -178,7 +211,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.check_only:
         return _check_only(demo_mesh() if arguments.mesh is None else read_mesh(arguments.mesh))
     from pgcp.io import write_outputs
-    from pgcp.pipeline import compute
+    from pgcp.pipeline import compute, fold_message
     from pgcp.report import draw
 
     stem = "demo" if arguments.mesh is None else arguments.mesh.stem
@@ -197,10 +230,8 @@ def _run(arguments: argparse.Namespace) -> int:
     elif not arguments.quiet:
         print(_summary(result, time.perf_counter() - started, directory))
     if result.quality.folds:
-        faces = len(result.mesh.faces)
         print(
-            f"pgcp-run: the map has {result.quality.folds} folded faces of {faces}: it is not injective. "
-            f"The results in {directory} are marked so (report.json: status folded)",
+            f"pgcp-run: {fold_message(result)}. The results in {directory} are marked so (report.json: status folded)",
             file=sys.stderr,
         )
         return NUMERICAL

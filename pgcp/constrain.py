@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from pgcp.curves import crosses_itself
 from pgcp.errors import CrowdedError, WeldFailedError
 from pgcp.geodesic import balanced_centre, geodesic_map, roomiest_centre
 from pgcp.mobius import balance_sphere
-from pgcp.natural import crosses_itself, loop_edges
+from pgcp.natural import loop_edges
 from pgcp.types import Component, SeamPositions
 
 _CROWDED = 1e-12

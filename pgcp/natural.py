@@ -83,32 +83,6 @@ def _cauchy(
 
 
 @numba.njit(cache=True)
-def crosses_itself(s: ComplexArray) -> bool:
-    """Whether the closed polygon s (n,) has two edges that cross properly."""
-    n = s.shape[0]
-    for i in range(n):
-        a, b = s[i], s[(i + 1) % n]
-        low_x, high_x = min(a.real, b.real), max(a.real, b.real)
-        low_y, high_y = min(a.imag, b.imag), max(a.imag, b.imag)
-        for j in range(i + 2, n):
-            if i == 0 and j == n - 1:
-                continue
-            c, d = s[j], s[(j + 1) % n]
-            if max(c.real, d.real) < low_x or min(c.real, d.real) > high_x:
-                continue
-            if max(c.imag, d.imag) < low_y or min(c.imag, d.imag) > high_y:
-                continue
-            ab, cd = b - a, d - c
-            one = (np.conj(ab) * (c - a)).imag
-            two = (np.conj(ab) * (d - a)).imag
-            three = (np.conj(cd) * (a - c)).imag
-            four = (np.conj(cd) * (b - c)).imag
-            if one * two < 0.0 and three * four < 0.0:
-                return True
-    return False
-
-
-@numba.njit(cache=True)
 def _spanning_tree(
     node_count: int, edges: IntArray, order: IntArray, root: int
 ) -> tuple[IntArray, IntArray, IntArray, IntArray]:

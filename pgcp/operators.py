@@ -6,7 +6,7 @@ import numba
 import numpy as np
 from scipy.sparse import csr_array
 
-from pgcp.types import BoolArray, FloatArray, IntArray
+from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 _SPARE = 1e-5
 _ENOUGH_SPARE = 1e-10
@@ -122,6 +122,14 @@ def cotangent_laplacian(vertices: FloatArray, faces: IntArray, mollification: fl
     """
     tails, heads = faces[:, [1, 2, 0]].reshape(-1), faces[:, [2, 0, 1]].reshape(-1)
     return _laplacian(tails, heads, _weights(vertices, faces, mollification), len(vertices))
+
+
+def triangle_laplacian(corners: ComplexArray, faces: IntArray, vertex_count: int) -> csr_array:
+    """Cotangent Laplacian (n, n) of faces (F, 3) that each have the shape of a planar triangle of their own, corners (F, 3)."""
+    flat = corners.reshape(-1)
+    shapes = np.column_stack([flat.real, flat.imag, np.zeros(len(flat))])
+    tails, heads = faces[:, [1, 2, 0]].reshape(-1), faces[:, [2, 0, 1]].reshape(-1)
+    return _laplacian(tails, heads, _weights(shapes, np.arange(len(flat)).reshape(-1, 3), 0.0), vertex_count)
 
 
 def positive_laplacian(

@@ -9,6 +9,7 @@ from pgcp.errors import InputError
 
 TARGETS = ("auto", "free", "disk", "sphere")
 MOEBIUS = ("auto", "none", "area", "angle")
+REPAIRS = ("relax", "compose", "average", "untangle", "embed")
 FLATTENERS = ("dncp", "scp")
 DEFAULT_PATCHES = 6
 _FEWEST_FACES = 100
@@ -24,7 +25,8 @@ class Options:
     distortion, least angle error (disk), or auto for what serves the target;
     scheduler or scheduler_file: a running dask cluster; cuts: a file of cut edges; repair_cuts: mend parts that are
     no disks; flatten: dncp or scp; backend: auto, pardiso or superlu; seed: of the partition; store: directory shared
-    with the workers; factor_cache_bytes: what factors one process may keep between the passes.
+    with the workers; repairs: which tiers may take folds away, in this order; no_overlap: where a free map overlaps itself, map
+    to the disk instead; factor_cache_bytes: what factors one process may keep between the passes.
     """
 
     patches: int | None = None
@@ -40,6 +42,8 @@ class Options:
     backend: str = "auto"
     seed: int = 0
     store: Path | None = None
+    repairs: tuple[str, ...] = REPAIRS
+    no_overlap: bool = False
     factor_cache_bytes: int = 2 * 1024**3
 
     def __post_init__(self) -> None:
@@ -59,6 +63,11 @@ class Options:
             raise InputError(f"unknown flattening {self.flatten!r}; choose from {', '.join(FLATTENERS)}")
         if self.scheduler is not None and self.scheduler_file is not None:
             raise InputError("give a scheduler address or a scheduler file, not both")
+        unknown = [name for name in self.repairs if name not in REPAIRS]
+        if unknown:
+            raise InputError(f"unknown repair {unknown[0]!r}; choose from {', '.join(REPAIRS)}")
+        if self.no_overlap and self.target in ("disk", "sphere"):
+            raise InputError(f"a map to the {self.target} does not overlap itself; no_overlap goes with the target free")
         if self.factor_cache_bytes < 0:
             raise InputError(f"factor_cache_bytes is {self.factor_cache_bytes}, it must be 0 or more")
 

@@ -1,35 +1,40 @@
-"""Repair folds in a finished map by moving the few vertices around them.
+"""Repair the folds of a finished map, tier by tier, each with more power and less regard for the rest than the one before.
 
-The signed areas of the faces around a vertex are linear in its position x, so the x that makes the smallest of them
-(relative to the area each face has on the surface) as large as possible is a linear programme in three unknowns
-(Freitag, Plassmann 2000). The vertex moves towards it no farther than needed, so angles elsewhere keep.
+    relax     the harmonic map of the surroundings of a fold, seams included (PGCP eq. 4.22), out to the whole mesh
+    compose   composition with the quasi-conformal map that takes folds away (PGCP section 3.5, eq. 3.16)
+    average   as relax, with positive weights, which cannot fold in a convex rim (Tutte 1963, Floater 2003)
+    untangle  vertices around a fold are moved one by one to where the faces around them are best (Freitag, Plassmann 2000)
+    embed     disk and sphere: a map that cannot fold, drawn back towards the folded one wherever that folds nothing
+
+What a tier does is kept only where fewer folds are left.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linprog
 
-from pgcp.beltrami import folded_faces, folded_faces_on_sphere
-from pgcp.mobius import rotation_to_north
-from pgcp.operators import face_areas
-from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Positions
+from pgcp.beltrami import find_folds
+from pgcp.embed import drawn_back, embed_disk, embed_sphere
+from pgcp.errors import SolveFailedError
+from pgcp.regions import Chart, Region, averaged, can_be_solved, composed, regions_around, relaxed
+from pgcp.types import BoolArray, ComplexArray, IntArray, Mesh, Positions
+from pgcp.untangle import untangle
 
-_ROUNDS = 40
-_IDLE_ROUNDS = 5
-_MOST_FOLDS = 2000
-_MOST_FRACTION = 0.005
-_ALWAYS = 50
-_ENOUGH = 0.1
-_STEPS = np.linspace(0.05, 1.0, 20)
-_LOWEST = 0.05
+_RINGS = (3, 12, 48)
+_UNTANGLE_RINGS = 8
+_SOLVERS: dict[str, Callable[[Mesh, Region, ComplexArray, float, str], ComplexArray]] = {
+    "relax": relaxed,
+    "compose": composed,
+    "average": averaged,
+}
 
 
 @dataclass(frozen=True, slots=True)
 class Repair:
-    """What a repair did: folds before and after, vertices moved."""
+    """What a tier did: folds before and after, vertices moved."""
 
     method: str
     folds_before: int
@@ -37,119 +42,111 @@ class Repair:
     moved_vertices: int
 
 
-def _star(faces: IntArray, face_ids: IntArray, vertex: int) -> tuple[IntArray, IntArray, IntArray]:
-    """Faces around a vertex, and the two other corners of each, counter-clockwise."""
-    around = face_ids[(faces[face_ids] == vertex).any(axis=1)]
-    corner = np.argmax(faces[around] == vertex, axis=1)
-    rows = np.arange(len(around))
-    return around, faces[around][rows, (corner + 1) % 3], faces[around][rows, (corner + 2) % 3]
+@dataclass(frozen=True, slots=True, eq=False)
+class Surroundings:
+    """What a repair needs to know of a map: its mesh, target, outer boundary (none on a sphere), and how to solve."""
+
+    mesh: Mesh
+    target: str
+    boundary: IntArray
+    mollification: float
+    backend: str
+
+    def fixed(self, method: str) -> BoolArray:
+        """Which vertices (V,) a tier must not move: the boundary, but for single moves in a free map."""
+        out = np.zeros(len(self.mesh.vertices), bool)
+        out[self.boundary] = not (self.target == "free" and method == "untangle")
+        return out
 
 
-def _relative_areas(x: complex, p: ComplexArray, q: ComplexArray, target: FloatArray) -> FloatArray:
-    return np.imag(np.conj(p - x) * (q - x)) / target
-
-
-def _better_place(x: complex, p: ComplexArray, q: ComplexArray, surface: FloatArray) -> complex | None:
-    """Nearby position where the smallest relative area around the vertex is larger, or None."""
-    area = np.imag(np.conj(p - x) * (q - x))
-    size = float(np.abs(area).sum())
-    if not size > 0 or not surface.sum() > 0:
+def _improved(here: Surroundings, region: Region, points: Positions, method: str) -> Positions | None:
+    """New positions of a region's vertices, or None where the method does not apply."""
+    if method == "untangle":
+        return untangle(here.mesh, region, points)
+    chart = Chart(region, points)
+    if not can_be_solved(region, chart):
         return None
-    target = np.maximum(surface * (size / surface.sum()), 1e-9 * size)
-    before = float(_relative_areas(x, p, q, target).min())
-    # scaled unknowns d = (position - x) / extent and t: area(x) - d x (q - p) extent >= t target
-    extent = float(np.abs(p - x).max())
-    side = (q - p) * extent
-    rows = np.column_stack([side.imag, -side.real, target])
-    scale = np.abs(rows).max(axis=1)
-    solved = linprog(
-        [0.0, 0.0, -1.0],
-        A_ub=rows / scale[:, None],
-        b_ub=area / scale,
-        bounds=[(-2.0, 2.0), (-2.0, 2.0), (None, 1.0)],
-        method="highs",
-    )
-    if not solved.success:
+    try:
+        z = _SOLVERS[method](here.mesh, region, chart.z, here.mollification, here.backend)
+    except SolveFailedError:
         return None
-    goal = x + extent * complex(solved.x[0], solved.x[1])
-    best = float(_relative_areas(goal, p, q, target).min())
-    wanted = min(0.5 * best, _ENOUGH) if best > 0 else before + 0.5 * (best - before)
-    if not best > before:
-        return None
-    for step in _STEPS:
-        place = x + step * (goal - x)
-        if _relative_areas(place, p, q, target).min() >= wanted:
-            return complex(place)
-    return goal
+    moved = chart.points(z)
+    moved[region.held] = points[region.vertex_ids[region.held]]
+    return moved if np.isfinite(z).all() else None
 
 
-def _fold_list(faces: IntArray, points: Positions) -> IntArray:
-    return folded_faces(faces, points) if points.ndim == 1 else folded_faces_on_sphere(faces, points)
+def _repaired_around(here: Surroundings, points: Positions, folded: IntArray, method: str) -> Positions:
+    """Apply a local tier around the folds, in wider and wider surroundings where narrow ones do not do."""
+    faces = here.mesh.faces
+    fixed = here.fixed(method)
+    widest = 0
+    for rings in (_UNTANGLE_RINGS,) if method == "untangle" else (*_RINGS, len(faces)):
+        regions = regions_around(faces, folded, rings, fixed)
+        size = sum(len(region.faces) for region in regions)
+        if size == widest:
+            break
+        widest = size
+        for region in regions:
+            moved = _improved(here, region, points, method)
+            before = points[region.vertex_ids]
+            if moved is None or len(find_folds(region.faces, moved)) >= len(find_folds(region.faces, before)):
+                continue
+            points = points.copy()
+            points[region.vertex_ids] = moved
+        folded = find_folds(faces, points)
+        if len(folded) == 0:
+            break
+    return points
 
 
-def _move_in_plane(z: ComplexArray, vertex: int, p: IntArray, q: IntArray, surface: FloatArray) -> complex | None:
-    """Better place of a vertex in the plane, where a face around it is folded."""
-    here, one, two = complex(z[vertex]), z[p], z[q]
-    if (np.imag(np.conj(one - here) * (two - here)) > 0).all():
-        return None
-    return _better_place(here, one, two, surface)
+def _embedded(here: Surroundings, points: Positions) -> Positions:
+    """The map that cannot fold, drawn back towards the folded one."""
+    held = here.fixed("embed")
+    try:
+        if here.target == "sphere":
+            safe: Positions = embed_sphere(here.mesh, points, here.mollification, here.backend)
+        else:
+            safe = embed_disk(here.mesh, points, here.boundary, here.mollification, here.backend)
+    except SolveFailedError:
+        return points
+    if not np.isfinite(safe).all():
+        return points
+    return drawn_back(here.mesh.faces, safe, points, held)
 
 
-def _move_on_sphere(points: FloatArray, vertex: int, p: IntArray, q: IntArray, surface: FloatArray) -> FloatArray | None:
-    """The same on the sphere, in the gnomonic chart about the star: great circles are its straight lines."""
-    star = np.vstack([points[vertex], points[p], points[q]])
-    middle = star[1:].mean(axis=0)
-    rotation = rotation_to_north(middle / np.linalg.norm(middle))
-    turned = star @ rotation.T
-    if turned[:, 2].min() < _LOWEST:
-        return None
-    chart: ComplexArray = turned[:, 0] / turned[:, 2] + 1j * (turned[:, 1] / turned[:, 2])
-    place = _move_in_plane(chart, 0, np.arange(len(p)) + 1, np.arange(len(q)) + 1 + len(p), surface)
-    if place is None:
-        return None
-    moved = np.array([place.real, place.imag, 1.0]) @ rotation
-    back: FloatArray = moved / np.linalg.norm(moved)
-    return back
+@dataclass(frozen=True, slots=True, eq=False)
+class Repaired:
+    """A map after its repair: positions, the faces (sorted) whose image changed, what each tier did, and the folds left."""
+
+    points: Positions
+    touched: IntArray
+    records: list[Repair]
+    folds: int
 
 
-def repair_folds(mesh: Mesh, points: Positions, fixed: IntArray) -> tuple[Positions, IntArray, Repair | None]:
-    """Move vertices of folded faces until no face is folded, or no move helps.
+def repair_folds(here: Surroundings, points: Positions, methods: tuple[str, ...]) -> Repaired:
+    """Take folds away with the given tiers, one after the other until none is left.
 
-    points: complex (V,) in the plane or unit vectors (V, 3); fixed: vertices that must stay. Returns new positions, the
-    faces (sorted) whose image changed, and what was done: None where there was no fold. Many folds (over half a percent of
-    the faces and over 50) are left as they are: then the map is wrong, and moving vertices would only hide it.
+    points: complex (V,) in the plane or unit vectors (V, 3). No tier is called, and nothing recorded, where there is no
+    fold.
     """
-    folded = _fold_list(mesh.faces, points)
-    before = len(folded)
-    if before == 0:
-        return points, folded, None
-    moved: set[int] = set()
-    if before <= min(_MOST_FOLDS, max(_ALWAYS, _MOST_FRACTION * len(mesh.faces))):
-        best: tuple[int, Positions, set[int]] = before, points, set()
-        points = points.copy()
-        surface = face_areas(mesh.vertices, mesh.faces)
-        move = _move_in_plane if points.ndim == 1 else _move_on_sphere
-        idle = 0
-        for _ in range(_ROUNDS):
-            vertices = np.unique(mesh.faces[folded])
-            near = np.flatnonzero(np.isin(mesh.faces, vertices).any(axis=1))
-            changed = False
-            for vertex in np.setdiff1d(vertices, fixed).tolist():
-                around, p, q = _star(mesh.faces, near, vertex)
-                place = move(points, vertex, p, q, surface[around])
-                if place is not None:
-                    points[vertex] = place
-                    moved.add(vertex)
-                    changed = True
-            folded = _fold_list(mesh.faces, points)
-            if len(folded) < best[0]:
-                best, idle = (len(folded), points.copy(), set(moved)), 0
-            else:
-                idle += 1
-            if len(folded) == 0 or not changed or idle == _IDLE_ROUNDS:
-                break
-        left, points, moved = best
-    else:
-        left = before
-    touched = np.flatnonzero(np.isin(mesh.faces, np.array(sorted(moved), np.int64)).any(axis=1))
-    return points, touched, Repair("local untangling", before, left, len(moved))
+    faces = here.mesh.faces
+    start = points
+    folded = find_folds(faces, points)
+    records: list[Repair] = []
+    for method in methods:
+        if len(folded) == 0:
+            break
+        if method == "embed" and here.target == "free":
+            continue
+        tried = _embedded(here, points) if method == "embed" else _repaired_around(here, points, folded, method)
+        left = find_folds(faces, tried)
+        moved = int((tried != points).reshape(len(points), -1).any(axis=1).sum())
+        if len(left) < len(folded):
+            records.append(Repair(method, len(folded), len(left), moved))
+            points, folded = tried, left
+        else:
+            records.append(Repair(method, len(folded), len(folded), 0))
+    changed = (points != start).reshape(len(points), -1).any(axis=1)
+    touched = np.flatnonzero(changed[faces].any(axis=1))
+    return Repaired(points, touched, records, len(folded))

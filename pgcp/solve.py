@@ -16,7 +16,8 @@ from pgcp.dirichlet import DirichletFactor, eliminate_interior
 from pgcp.errors import SolveFailedError
 from pgcp.mobius import rotation_to_north, to_plane, to_sphere
 from pgcp.operators import positive_laplacian
-from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Patch, PatchMap, Positions
+from pgcp.regions import rings_around
+from pgcp.types import ComplexArray, FloatArray, IntArray, Patch, PatchMap, Positions
 
 _DIRECTIONS = 500
 _FEW = 2
@@ -45,7 +46,7 @@ def solve_patch(patch: Patch, boundary: Positions, factor: DirichletFactor, back
     first, raised = len(folded), 0
     reach: int | None = _FIRST_REACH
     while len(folded) > max(_FEW, _FEW_FRACTION * len(patch.faces)) and reach is not None:
-        chosen = _around(patch.faces, folded, reach)
+        chosen = rings_around(patch.faces, folded, reach, len(patch.vertices))
         laplacian, count = positive_laplacian(patch.vertices, patch.faces, chosen, _LEAST_WEIGHT, patch.mollification)
         reach = None if chosen.all() else 4 * reach
         if count <= raised:
@@ -58,20 +59,6 @@ def solve_patch(patch: Patch, boundary: Positions, factor: DirichletFactor, back
             points, folded, raised = tried, left, count
     mu = chart.coefficients(points)
     return PatchMap(patch.index, points, mu, len(folded), float(np.abs(mu).max()), first, raised)
-
-
-def _around(faces: IntArray, start: IntArray, rings: int) -> BoolArray:
-    """Which faces (F,) are within so many rings of the given ones."""
-    chosen = np.zeros(len(faces), bool)
-    chosen[start] = True
-    for _ in range(rings):
-        touched = np.zeros(int(faces.max()) + 1, bool)
-        touched[faces[chosen].reshape(-1)] = True
-        grown = np.asarray(touched[faces].any(axis=1), bool)
-        if np.array_equal(grown, chosen):
-            break
-        chosen = grown
-    return chosen
 
 
 class _PlaneChart:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import networkx as nx
@@ -26,21 +27,20 @@ from pgcp.types import EdgeTable, IntArray, Mesh, Patch, WeldPlan, WeldStep
 _BOUNDARY_POINTS = 8000
 _MOST_PARTS = 8
 _TIE_DIGITS = 9
-# what a long seam costs in the weld order: first choice and second, of open and closed surfaces
-CROWDING = {False: (0.0, 0.25), True: (0.0, 1.0)}
+# what a long seam costs in the weld order: the choices of open and closed surfaces, tried one after the other
+_CROWDING = {False: (0.0, 0.25, 1.0, 4.0, 16.0), True: (0.0, 1.0, 4.0, 16.0, 64.0)}
 _NECK = 1e-3
 _NEAR_ENDS = np.array([16, 12, 8, 6, 4, 4, 3, 3, 2, 2, 2, 2, 2, 2, 2, 2])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Split:
-    """A valid partition: labels (F,), the number of patches, all seam and boundary edges, and
-    the plan."""
+    """A valid partition: labels (F,), the number of patches, all seam and boundary edges, and which patches share them."""
 
     labels: IntArray
     patch_count: int
     edges: EdgeTable
-    plan: WeldPlan
+    table: SeamTable
 
 
 def _subdivision(tails: IntArray, heads: IntArray, vertex_count: int) -> IntArray:
@@ -116,6 +116,16 @@ def plan_welds(table: SeamTable, patch_count: int, closed: bool = False, crowdin
     return WeldPlan(patch_count, tuple(sorted(steps, key=lambda s: (s.level, s.result))))
 
 
+def plans(split: Split, closed: bool) -> Iterator[tuple[float, WeldPlan]]:
+    """All different weld plans to try, best first, each with what a long seam costs in it."""
+    seen: list[tuple[WeldStep, ...]] = []
+    for crowding in _CROWDING[closed]:
+        plan = plan_welds(split.table, split.patch_count, closed, crowding)
+        if plan.steps not in seen:
+            seen.append(plan.steps)
+            yield crowding, plan
+
+
 def split_mesh(
     mesh: Mesh,
     topology: Topology,
@@ -124,7 +134,6 @@ def split_mesh(
     cut_edges: IntArray | None = None,
     repair: bool = False,
     mollification: float = 0.0,
-    crowding: float = 0.0,
 ) -> Split:
     """Split a mesh into disks, by graph partition or along the user's cut edges (N, 2).
 
@@ -154,8 +163,7 @@ def split_mesh(
         table = seam_table(mesh.vertices, mesh.faces, topology.twins, labels)
     except PartitionError as problem:
         raise PartitionInputError(str(problem)) from problem
-    plan = plan_welds(table, patch_count, closed, crowding)
-    return Split(labels, patch_count, _edge_table(mesh, topology.twins, labels, mollification), plan)
+    return Split(labels, patch_count, _edge_table(mesh, topology.twins, labels, mollification), table)
 
 
 @numba.njit(cache=True)

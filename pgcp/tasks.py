@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from pgcp.curves import crosses_itself
 from pgcp.dirichlet import DirichletFactor, eliminate_interior
 from pgcp.errors import WeldFailedError
 from pgcp.flatten import flatten_boundary
-from pgcp.natural import crosses_itself
 from pgcp.operators import cotangent_laplacian
 from pgcp.solve import solve_patch
-from pgcp.split import cut_patch, split_mesh
+from pgcp.split import cut_patch, plan_welds, split_mesh
 from pgcp.store import PatchStore
 from pgcp.topology import examine
 from pgcp.types import BoundaryCurve, Component, Mesh, Patch, Positions
@@ -108,7 +108,7 @@ def flatten_simply(patch: Patch, factor: DirichletFactor, method: str, backend: 
         half_factor.release()
         halves[index] = start_component(curve, mesh.vertices, split.edges)
         pieces += curve.pieces
-    union = run_welds(halves, split.plan.steps)
+    union = run_welds(halves, plan_welds(split.table, 2).steps)
     start = int(np.flatnonzero(union.nodes[union.loop] == patch.boundary[0])[0])
     return BoundaryCurve(patch.index, ids, union.z[np.roll(union.loop, -start)], pieces)
 

@@ -146,7 +146,7 @@ class SeamPositions:
     spread_count: int = 0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class WeldStep:
     """Weld component ``left`` and component ``right`` into component ``result``.
 

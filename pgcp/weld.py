@@ -11,8 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from pgcp.curves import crosses_itself
 from pgcp.errors import WeldFailedError
-from pgcp.natural import crosses_itself, natural_boundary
+from pgcp.natural import natural_boundary
 from pgcp.types import BoundaryCurve, ComplexArray, Component, EdgeTable, FloatArray, IntArray, WeldStep
 from pgcp.zipper import close_arcs, open_arc, scale_variation
 

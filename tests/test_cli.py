@@ -202,28 +202,30 @@ def test_mistakes_get_one_sentence_and_status_2(arguments, words, folder):
 
 
 def test_folds_give_status_3_and_marked_results(folder, monkeypatch, capsys):
-    from pgcp import pipeline
+    from pgcp import attempts
 
     def mirrored(mesh, _parts, _target):
         return mesh.vertices @ [1, -1j, 0], np.zeros(len(mesh.faces), complex)
 
-    monkeypatch.setattr(pipeline, "collect", mirrored)
-    assert main([str(folder / "hills.obj")]) == 3
-    assert "the map has 384 folded faces of 384" in capsys.readouterr().err
+    monkeypatch.setattr(attempts, "collect", mirrored)
+    assert main([str(folder / "hills.obj"), "--repairs", "untangle"]) == 3
+    message = capsys.readouterr().err
+    assert re.search(r"the map has 384 folded faces of 384: faces 0, 1, 2, 3, 4, \.\.\. in patches 0, 1, 2", message)
+    assert "repairs tried: untangle (384 to 384)" in message
     assert json.loads((folder / "hills_pgcp" / "report.json").read_text())["status"] == "folded"
 
 
 def test_numerical_failures_and_bugs_have_their_own_status(folder, monkeypatch, capsys):
-    from pgcp import pipeline
+    from pgcp import attempts
     from pgcp.errors import WeldFailedError
 
     def fail(*_):
         raise WeldFailedError("seam 3 is lost")
 
-    monkeypatch.setattr(pipeline, "split_mesh", fail)
+    monkeypatch.setattr(attempts, "split_mesh", fail)
     assert main([str(folder / "hills.obj")]) == 3
     assert capsys.readouterr().err == "pgcp-run: seam 3 is lost\n"
-    monkeypatch.setattr(pipeline, "split_mesh", lambda *_: 1 / 0)
+    monkeypatch.setattr(attempts, "split_mesh", lambda *_: 1 / 0)
     assert main([str(folder / "hills.obj")]) == 1
     assert "a bug: ZeroDivisionError" in capsys.readouterr().err
     with pytest.raises(ZeroDivisionError):

@@ -16,7 +16,9 @@ from meshes import cap, grid, lifted, similarity_error, spheroid
 import pgcp
 from pgcp import errors
 from pgcp.executors import DaskExecutor, SerialExecutor
+from pgcp.split import plans, split_mesh
 from pgcp.tasks import FactorCache, weld_task
+from pgcp.topology import examine
 from pgcp.types import Mesh
 from pgcp.weld import Component
 
@@ -261,9 +263,9 @@ def test_the_factor_cache_is_bounded_and_drops_the_oldest():
 
 
 def fail_first_welds(monkeypatch, times):
-    from pgcp import pipeline
+    from pgcp import attempts
 
-    original, calls = pipeline._weld_all, []
+    original, calls = attempts._weld_all, []
 
     def failing(*arguments):
         calls.append(1)
@@ -271,25 +273,43 @@ def fail_first_welds(monkeypatch, times):
             raise errors.WeldFailedError("made to fail")
         return original(*arguments)
 
-    monkeypatch.setattr(pipeline, "_weld_all", failing)
+    monkeypatch.setattr(attempts, "_weld_all", failing)
+    return calls
+
+
+def orders_of(hills, patches, seed=0):
+    split = split_mesh(hills, examine(hills.faces, len(hills.vertices)), patches, seed)
+    return [order for order, _ in plans(split, closed=False)]
 
 
 @pytest.mark.parametrize("workers", [0, 1])
 def test_a_failed_weld_is_tried_again_in_another_order_and_with_another_seed(workers, monkeypatch, hills):
     other = pgcp.parameterize(hills, patches=4, seed=1)
-    fail_first_welds(monkeypatch, 2)
+    orders = orders_of(hills, 4)
+    assert len(orders) > 1
+    fail_first_welds(monkeypatch, len(orders))
     result = pgcp.parameterize(hills, patches=4, seed=0, workers=workers)
     assert result.report["seed"] == 1
-    assert [(r["seed"], r["reason"]) for r in result.report["retries"]] == [(0, "made to fail")] * 2
-    orders = [r["weld_order"] for r in result.report["retries"]]
-    assert orders[0] != orders[1]
+    assert result.report["retries"] == [
+        {"patches": 4, "seed": 0, "weld_order": order, "reason": "made to fail"} for order in orders
+    ]
     assert result.coordinates.tobytes() == other.coordinates.tobytes()
 
 
+def test_fewer_patches_are_the_last_resort_of_a_weld(monkeypatch, hills):
+    tries = sum(len(orders_of(hills, 5, seed)) for seed in range(3))
+    fail_first_welds(monkeypatch, tries)
+    result = pgcp.parameterize(hills, patches=5)
+    assert len(result.report["patches"]) == 2
+    assert len(result.report["retries"]) == tries
+    assert result.quality.folds == 0
+
+
 def test_a_weld_that_fails_every_time_is_an_error(monkeypatch, hills):
-    fail_first_welds(monkeypatch, 6)
+    calls = fail_first_welds(monkeypatch, 1000)
     with pytest.raises(errors.WeldFailedError, match="made to fail"):
         pgcp.parameterize(hills, patches=4)
+    assert len(calls) == sum(len(orders_of(hills, 4, seed)) for seed in range(3)) + 2
 
 
 # refusals
@@ -302,6 +322,8 @@ def test_a_weld_that_fails_every_time_is_an_error(monkeypatch, hills):
         ({"workers": -1}, "workers is -1"),
         ({"seed": -3}, "seed is -3"),
         ({"flatten": "magic"}, "unknown flattening 'magic'"),
+        ({"repairs": ("relax", "magic")}, "unknown repair 'magic'"),
+        ({"target": "disk", "no_overlap": True}, "no_overlap goes with the target free"),
         ({"target": "moon"}, "unknown target 'moon'"),
         ({"backend": "magic"}, "unknown sparse backend"),
         ({"patches": 10_000}, "10000 patches were asked for"),
@@ -400,10 +422,10 @@ def test_unused_vertices_stay_in_the_order():
 
 
 def test_a_map_with_folds_is_not_passed_off_as_good(hills, monkeypatch):
-    from pgcp import pipeline
+    from pgcp import attempts
 
     monkeypatch.setattr(
-        pipeline, "collect", lambda mesh, parts, target: ((mesh.vertices @ [1, -1j, 0]), np.zeros(len(mesh.faces), complex))
+        attempts, "collect", lambda mesh, parts, target: ((mesh.vertices @ [1, -1j, 0]), np.zeros(len(mesh.faces), complex))
     )
     with pytest.raises(errors.FoldError, match="folded faces of 1152") as caught:
         pgcp.parameterize(hills, patches=2)

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from meshes import cap, grid, icosphere
+from meshes import cap, grid
 
-from pgcp.beltrami import beltrami_coefficients, folded_faces, folded_faces_on_sphere
+from pgcp.beltrami import beltrami_coefficients, folded_faces
 from pgcp.distortion import angle_errors, corner_angles, log_area_ratios
 from pgcp.quality import measure_quality
-from pgcp.repair import repair_folds
 from pgcp.types import Mesh
 
 
@@ -81,80 +80,6 @@ def test_area_ratios_follow_the_definition():
             image = np.array([area(flat, f) for f in order])
     expected = np.log(image / image.sum()) - np.log(0.5)
     assert log_area_ratios(mesh, flat) == pytest.approx(expected)
-
-
-def folded_map(seed=0, count=3):
-    mesh = grid(16, jitter=0.3)
-    z = mesh.vertices[:, 0] + 1j * mesh.vertices[:, 1]
-    inner = np.flatnonzero((np.abs(z.real - 0.5) < 0.4) & (np.abs(z.imag - 0.5) < 0.4))
-    chosen = np.random.default_rng(seed).choice(inner, count, replace=False)
-    bad = z.copy()
-    bad[chosen] += 0.09 * np.exp(1j * np.arange(count))
-    return mesh, z, bad
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_local_folds_are_untangled_and_the_rest_keeps(seed):
-    mesh, _, bad = folded_map(seed)
-    before = folded_faces(mesh.faces, bad)
-    assert len(before) > 0
-    mended, touched, repair = repair_folds(mesh, bad, np.empty(0, int))
-    assert len(folded_faces(mesh.faces, mended)) == 0
-    assert (repair.folds_before, repair.folds_after) == (len(before), 0)
-    changed = np.flatnonzero(mended != bad)
-    assert repair.moved_vertices == len(changed) <= len(np.unique(mesh.faces[before]))
-    assert np.array_equal(touched, np.flatnonzero(np.isin(mesh.faces, changed).any(axis=1)))
-
-
-def test_a_good_map_is_not_touched():
-    mesh, z, _ = folded_map()
-    same, touched, repair = repair_folds(mesh, z, np.empty(0, int))
-    assert same is z
-    assert len(touched) == 0
-    assert repair is None
-
-
-def test_fixed_vertices_stay():
-    mesh, _, bad = folded_map(0)
-    fixed = np.unique(mesh.faces[folded_faces(mesh.faces, bad)])
-    same, touched, repair = repair_folds(mesh, bad, fixed)
-    assert np.array_equal(same, bad)
-    assert len(touched) == 0
-    assert repair.folds_after == repair.folds_before > 0
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_folds_on_the_sphere_are_untangled(seed):
-    mesh = icosphere(4)
-    bad = mesh.vertices.copy()
-    rng = np.random.default_rng(seed)
-    chosen = rng.choice(len(bad), 3, replace=False)
-    bad[chosen] += rng.normal(size=(3, 3)) * 0.15
-    bad[chosen] /= np.linalg.norm(bad[chosen], axis=1)[:, None]
-    assert len(folded_faces_on_sphere(mesh.faces, bad)) > 0
-    mended, _, repair = repair_folds(mesh, bad, np.empty(0, int))
-    assert len(folded_faces_on_sphere(mesh.faces, mended)) == repair.folds_after == 0
-    assert np.allclose(np.linalg.norm(mended, axis=1), 1.0, atol=1e-15)
-
-
-def test_what_cannot_be_repaired_is_said():
-    mesh = grid(8)
-    z = (mesh.vertices[:, 0] + 1j * mesh.vertices[:, 1]).conj()
-    _, _, repair = repair_folds(mesh, z, np.empty(0, int))
-    assert repair.folds_after > 0
-
-
-def test_a_repair_never_leaves_more_folds_than_it_found():
-    rng = np.random.default_rng(5)
-    for _ in range(6):
-        mesh = grid(5, jitter=0.4)
-        z = mesh.vertices @ [1, 1j, 0]
-        z[rng.choice(len(z), 9, replace=False)] += 0.4 * rng.normal(size=9)
-        mended, touched, repair = repair_folds(mesh, z, np.arange(6))
-        assert len(folded_faces(mesh.faces, mended)) == repair.folds_after <= repair.folds_before
-        changed = np.flatnonzero(mended != z)
-        assert repair.moved_vertices >= len(changed)
-        assert np.isin(np.flatnonzero(np.isin(mesh.faces, changed).any(axis=1)), touched).all()
 
 
 def test_types_refuse_what_is_no_mesh():

@@ -15,7 +15,7 @@ from pgcp.errors import CrowdedError, SolveFailedError, WeldFailedError
 from pgcp.mobius import boost
 from pgcp.operators import cotangent_laplacian, cotangents, needed_mollification, positive_laplacian
 from pgcp.solve import solve_patch
-from pgcp.split import cut_patch, split_mesh
+from pgcp.split import cut_patch, plan_welds, split_mesh
 from pgcp.tasks import factor_patch, flatten_simply
 from pgcp.topology import examine
 from pgcp.types import Component, Mesh, Patch
@@ -197,7 +197,7 @@ def test_a_strip_longer_than_numbers_can_tell_is_refused_with_the_reason(length)
 def test_the_last_weld_of_a_closed_surface_joins_whole_boundaries():
     mesh = icosphere(3)
     split, parts = components(mesh, 5)
-    steps = split.plan.steps
+    steps = plan_welds(split.table, 5, closed=True).steps
     assert [s.closed for s in steps] == [False] * 3 + [True]
     union = run_welds(parts, steps)
     assert len(union.loop) == 0

@@ -7,8 +7,9 @@ import pytest
 from meshes import similarity_error
 
 from pgcp import weld
+from pgcp.curves import crosses_itself
 from pgcp.errors import WeldFailedError
-from pgcp.natural import crosses_itself, natural_boundary
+from pgcp.natural import natural_boundary
 from pgcp.types import BoundaryCurve, EdgeTable
 from pgcp.weld import Component, normalise, shared_arc, start_component, subdivide, weld_pair
 from pgcp.zipper import close_arcs, open_arc

@@ -1,0 +1,26 @@
+"""Seconds and peak memory of the stages of a run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from pgcp.executors import Executor, SerialExecutor
+
+
+class Clock:
+    """Seconds and peak memory of the stages run so far; ``executor`` is asked for the memory of its processes."""
+
+    def __init__(self) -> None:
+        self.stages: list[dict[str, Any]] = []
+        self.executor: Executor = SerialExecutor()
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time what is done inside."""
+        start = time.perf_counter()
+        yield
+        seconds = time.perf_counter() - start
+        self.stages.append({"name": name, "seconds": round(seconds, 4), "peak_bytes": self.executor.peak_bytes()})

@@ -1,0 +1,154 @@
+"""Parts of a mesh around given faces, and the maps that are solved again on them with their rims held."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components
+
+from pgcp.beltrami import beltrami_coefficients, folded_faces
+from pgcp.dirichlet import eliminate_interior
+from pgcp.mobius import rotation_to_north, to_plane, to_sphere
+from pgcp.operators import cotangent_laplacian, positive_laplacian, triangle_laplacian
+from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, Positions
+
+_LOWEST = -0.9
+_LEAST_WEIGHT = 0.1
+_MOST_HELD = 8000
+_CHOPPED = 0.6
+_THIN = 1e-5
+_COMPOSITIONS = 10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Region:
+    """A connected part of a mesh: its faces and vertices in the mesh, faces (F', 3) in local numbers, and the held vertices.
+
+    held (n,) marks the vertices that must stay: those on the rim, which faces outside use as well, and fixed ones.
+    """
+
+    face_ids: IntArray
+    vertex_ids: IntArray
+    faces: IntArray
+    held: BoolArray
+
+
+def rings_around(faces: IntArray, start: IntArray, rings: int, vertex_count: int) -> BoolArray:
+    """Which faces (F,) are within so many rings of the given ones."""
+    chosen = np.zeros(len(faces), bool)
+    chosen[start] = True
+    for _ in range(rings):
+        touched = np.zeros(vertex_count, bool)
+        touched[faces[chosen].reshape(-1)] = True
+        grown = np.asarray(touched[faces].any(axis=1), bool)
+        if np.array_equal(grown, chosen):
+            break
+        chosen = grown
+    return chosen
+
+
+def regions_around(faces: IntArray, start: IntArray, rings: int, fixed: BoolArray) -> list[Region]:
+    """Connected parts of the faces within so many rings of the given ones; fixed (V,) vertices are held in all of them."""
+    chosen = rings_around(faces, start, rings, len(fixed))
+    held = fixed.copy()
+    held[faces[~chosen].reshape(-1)] = True
+    face_ids = np.flatnonzero(chosen)
+    vertex_ids, local = np.unique(faces[face_ids], return_inverse=True)
+    local = local.reshape(-1, 3)
+    ends = local[:, [0, 1]].T.reshape(-1), local[:, [1, 2]].T.reshape(-1)
+    links = coo_array((np.ones(len(ends[0]), np.int8), ends), (len(vertex_ids), len(vertex_ids)))
+    count, part = connected_components(links, directed=False)
+    out = []
+    for number in range(count):
+        own = part[local[:, 0]] == number
+        ids, faces_here = np.unique(local[own], return_inverse=True)
+        out.append(Region(face_ids[own], vertex_ids[ids], faces_here.reshape(-1, 3), held[vertex_ids[ids]]))
+    return out
+
+
+class Chart:
+    """A region's positions as complex numbers: those of the plane, or of the stereographic projection about its middle."""
+
+    def __init__(self, region: Region, points: Positions) -> None:
+        here = points[region.vertex_ids]
+        self._rotation: FloatArray | None = None
+        self.usable = True
+        self.z: ComplexArray = here
+        if here.ndim == 2:
+            middle = here.mean(axis=0)
+            size = float(np.linalg.norm(middle))
+            self._rotation = rotation_to_north(middle / size) if size > 0 else np.eye(3)
+            turned = here @ self._rotation.T
+            self.usable = bool(turned[:, 2].min() > _LOWEST)
+            self.z = to_plane(turned) if self.usable else np.zeros(len(here), np.complex128)
+
+    def points(self, z: ComplexArray) -> Positions:
+        """Positions in the target of chart positions."""
+        return z if self._rotation is None else to_sphere(z) @ self._rotation
+
+
+def can_be_solved(region: Region, chart: Chart) -> bool:
+    """Whether the region's map can be solved again: something is held, and not too much, and something is free."""
+    count = int(region.held.sum())
+    return chart.usable and 0 < count <= min(_MOST_HELD, len(region.held) - 1)
+
+
+def _extended(laplacian: csr_array, region: Region, z: ComplexArray, backend: str) -> ComplexArray:
+    """Positions with those of the held vertices kept and the rest harmonic."""
+    rim = np.flatnonzero(region.held)
+    factor = eliminate_interior(laplacian, rim, backend)
+    moved: ComplexArray = z[rim[0]] + factor.extend(z[rim] - z[rim[0]])
+    factor.release()
+    moved[rim] = z[rim]
+    return moved
+
+
+def relaxed(mesh: Mesh, region: Region, z: ComplexArray, mollification: float, backend: str) -> ComplexArray:
+    """Discrete harmonic map of the region, seams in it included, with the held vertices kept (PGCP eq. 4.22)."""
+    laplacian = cotangent_laplacian(mesh.vertices[region.vertex_ids], region.faces, mollification)
+    return _extended(laplacian, region, z, backend)
+
+
+def averaged(mesh: Mesh, region: Region, z: ComplexArray, mollification: float, backend: str) -> ComplexArray:
+    """The same with weights made positive: every free vertex is a mean of its neighbours (Tutte 1963, Floater 2003)."""
+    everywhere = np.ones(len(region.faces), bool)
+    vertices = mesh.vertices[region.vertex_ids]
+    laplacian, _ = positive_laplacian(vertices, region.faces, everywhere, _LEAST_WEIGHT, mollification)
+    return _extended(laplacian, region, z, backend)
+
+
+def composed(mesh: Mesh, region: Region, z: ComplexArray, mollification: float, backend: str) -> ComplexArray:
+    """Compose the map with the quasi-conformal one that takes its folds away, again while fewer are left.
+
+    PGCP section 3.5: by eq. 3.16 there is a map after which the Beltrami coefficient mu of the composition is any nu;
+    wanted is nu = mu, but at most 0.6 in size. The composition is harmonic in the metric |dw + nu dw*|^2 on the surface (the
+    linear Beltrami equation). Needs no ``mollification``: no face of that metric is degenerate.
+    """
+    del mollification
+    vertices = mesh.vertices[region.vertex_ids]
+    best, least = z, len(folded_faces(region.faces, z))
+    for _ in range(_COMPOSITIONS):
+        mu = beltrami_coefficients(vertices, region.faces, best)
+        nu = mu * np.minimum(1.0, _CHOPPED / np.maximum(np.abs(mu), _CHOPPED))
+        laplacian = triangle_laplacian(_deformed(vertices, region.faces, nu), region.faces, len(vertices))
+        moved = _extended(laplacian, region, best, backend)
+        folds = len(folded_faces(region.faces, moved))
+        if folds >= least:
+            break
+        best, least = moved, folds
+        if folds == 0:
+            break
+    return best
+
+
+def _deformed(vertices: FloatArray, faces: IntArray, nu: ComplexArray) -> ComplexArray:
+    """Corners (F, 3) of every face, laid out in the plane with its first edge along the real axis, after w + nu conj(w)."""
+    u, v = vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]]
+    length = np.linalg.norm(u, axis=1)
+    length = np.maximum(length, _THIN * np.linalg.norm(v, axis=1))
+    x = (u * v).sum(axis=1) / length
+    y = np.linalg.norm(np.cross(u, v), axis=1) / length
+    w = np.column_stack([np.zeros(len(faces)), length, x + 1j * np.maximum(y, _THIN * length)])
+    return w + nu[:, None] * w.conj()
