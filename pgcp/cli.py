@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import json
 import os
+import signal
 import sys
+import threading
 import time
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +20,10 @@ from pgcp.options import FLATTENERS, MOEBIUS, REPAIRS, TARGETS, Options
 from pgcp.types import Mesh, Parameterization
 
 GOOD, BUG, BAD_INPUT, NUMERICAL = 0, 1, 2, 3
-_INTERRUPTED = 130
+_STOPPED = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}  # exit status 128 + the signal's number
+_SYSTEM = {
+    getattr(errno, name) for name in ("ENOSPC", "EFBIG", "EDQUOT", "EROFS", "EACCES", "EPERM", "EIO") if hasattr(errno, name)
+}
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -25,7 +31,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="pgcp-run",
         description="Map a triangle mesh conformally to the plane, the disk or the sphere, patch by patch and in parallel.",
-        epilog="Exit status: 0 good, 2 bad input or usage, 3 numerical failure or folds, 1 a bug.",
+        epilog="Exit status: 0 good, 2 bad input or usage, 3 numerical failure or folds, 1 a bug, 130 interrupted.",
     )
     parser.add_argument("mesh", nargs="?", type=Path, help="PLY, OBJ, STL, OFF, GLB or glTF file; without it, a built-in demo")
     parser.add_argument("--patches", type=int, metavar="K", help="number of patches (default 6, fewer on a small mesh)")
@@ -75,6 +81,16 @@ def _version() -> str:
         return "(not installed)"
 
 
+def _say(text: str) -> None:
+    """Print; a reader that has left is no failure, a full disk is one."""
+    try:
+        print(text, flush=True)
+    except OSError as problem:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(problem, BrokenPipeError):
+            raise InputError(f"cannot print: {problem.strerror}") from problem
+
+
 class _Bars(AbstractContextManager["_Bars"]):
     """A bar per stage, on a terminal; nothing elsewhere."""
 
@@ -105,23 +121,59 @@ class _Bars(AbstractContextManager["_Bars"]):
             self._bars.stop()
 
 
+class _Signals(AbstractContextManager["_Signals"]):
+    """Signals that end a run are KeyboardInterrupts, so that everything is tidied; only the first counts."""
+
+    def __init__(self) -> None:
+        self._before: dict[int, Any] = {}
+        self.name = "SIGINT"
+
+    def __enter__(self) -> _Signals:
+        if threading.current_thread() is threading.main_thread():
+            numbers = [getattr(signal, name) for name in _STOPPED if hasattr(signal, name)]
+            # one that is ignored, as under nohup, stays so
+            self._before = {n: old for n in numbers if (old := signal.getsignal(n)) not in (signal.SIG_IGN, None)}
+            self._set(self._stop)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, old in self._before.items():
+            signal.signal(number, old)
+
+    def _set(self, handler: Any) -> None:
+        for number in self._before:
+            signal.signal(number, handler)
+
+    def _stop(self, number: int, _frame: object) -> None:
+        self._set(signal.SIG_IGN)
+        self.name = signal.Signals(number).name
+        raise KeyboardInterrupt
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Ignore them while results take the place of earlier ones; afterwards they end the process at once."""
+        self._set(signal.SIG_IGN)
+        yield
+        self._set(signal.SIG_DFL)
+
+
 def _check_only(mesh: Mesh) -> int:
     from pgcp.topology import examine
 
     topology = examine(mesh.faces, len(mesh.vertices))
-    print(f"{mesh.name}: {topology.describe()}")
-    print(
+    _say(f"{mesh.name}: {topology.describe()}")
+    _say(
         f"  {topology.vertex_count} vertices, {topology.edge_count} edges, {topology.face_count} faces, "
         f"{topology.component_count} component{'s' if topology.component_count != 1 else ''}, "
         f"Euler characteristic {topology.euler_characteristic}, "
         f"boundary loops {[len(loop) for loop in topology.loops] or 'none'}"
     )
     if topology.unreferenced_count:
-        print(f"  note: {topology.unreferenced_count} vertices are used by no face; they stay where they are in the order")
+        _say(f"  note: {topology.unreferenced_count} vertices are used by no face; they stay where they are in the order")
     fitting = "free, disk" if topology.is_disk else "sphere" if topology.is_sphere else "none"
-    print(f"  targets that fit: {fitting}")
+    _say(f"  targets that fit: {fitting}")
     for defect in topology.defects:
-        print(f"  defect: {defect.message}")
+        _say(f"  defect: {defect.message}")
     return GOOD if topology.is_disk or topology.is_sphere else BAD_INPUT
 
 
@@ -199,7 +251,7 @@ def _options(arguments: argparse.Namespace) -> Options:
     )
 
 
-def _run(arguments: argparse.Namespace) -> int:
+def _run(arguments: argparse.Namespace, signals: _Signals) -> int:
     options = _options(arguments)
     for path, what in ((arguments.store, "store"), (arguments.scheduler_file, "scheduler file")):
         if path is not None and not path.exists():
@@ -222,13 +274,13 @@ def _run(arguments: argparse.Namespace) -> int:
     with _Bars(sys.stderr.isatty() and not arguments.quiet) as bars:
         result = compute(demo_mesh() if arguments.mesh is None else arguments.mesh, options, bars)
     try:
-        paths = write_outputs(directory, stem, result, draw(result))
+        paths = write_outputs(directory, stem, result, draw(result), signals.held())
     except OSError as problem:
         raise InputError(f"{directory}: cannot write the results: {problem}") from problem
     if arguments.json:
-        print(json.dumps(_record(result, time.perf_counter() - started, paths)))
+        _say(json.dumps(_record(result, time.perf_counter() - started, paths)))
     elif not arguments.quiet:
-        print(_summary(result, time.perf_counter() - started, directory))
+        _say(_summary(result, time.perf_counter() - started, directory))
     if result.quality.folds:
         print(
             f"pgcp-run: {fold_message(result)}. The results in {directory} are marked so (report.json: status folded)",
@@ -238,27 +290,30 @@ def _run(arguments: argparse.Namespace) -> int:
     return GOOD
 
 
+def _refused(problem: Exception, status: int, as_json: bool) -> int:
+    if as_json:
+        _say(json.dumps({"status": status, "error": type(problem).__name__, "message": str(problem)}))
+    print(f"pgcp-run: {problem}", file=sys.stderr)
+    return status
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     arguments = build_parser().parse_args(argv)
-    try:
-        return _run(arguments)
-    except (InputError, NumericalError) as problem:
-        if arguments.debug:
-            raise
-        status = BAD_INPUT if isinstance(problem, InputError) else NUMERICAL
-        if arguments.json:
-            print(json.dumps({"status": status, "error": type(problem).__name__, "message": str(problem)}))
-        print(f"pgcp-run: {problem}", file=sys.stderr)
-        return status
-    except KeyboardInterrupt:
-        print("pgcp-run: interrupted; nothing was written", file=sys.stderr)
-        return _INTERRUPTED
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return GOOD
-    except Exception as problem:
-        if arguments.debug:
-            raise
-        print(f"pgcp-run: a bug: {type(problem).__name__}: {problem} (--debug shows where)", file=sys.stderr)
-        return BUG
+    with _Signals() as signals:
+        try:
+            return _run(arguments, signals)
+        except (InputError, NumericalError) as problem:
+            if arguments.debug:
+                raise
+            return _refused(problem, BAD_INPUT if isinstance(problem, InputError) else NUMERICAL, arguments.json)
+        except KeyboardInterrupt:
+            print(f"pgcp-run: {_STOPPED[signals.name]}; nothing was written", file=sys.stderr)
+            return 128 + getattr(signal, signals.name)
+        except Exception as problem:
+            if arguments.debug:
+                raise
+            if isinstance(problem, OSError) and problem.errno in _SYSTEM:
+                return _refused(problem, BAD_INPUT, arguments.json)
+            print(f"pgcp-run: a bug: {type(problem).__name__}: {problem} (--debug shows where)", file=sys.stderr)
+            return BUG

@@ -7,6 +7,7 @@ order they finish in, and each task computes with one BLAS thread wherever it ru
 from __future__ import annotations
 
 import logging
+import multiprocessing
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -97,6 +98,37 @@ def _interrupts_for_this_process_only() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+def _start_cluster(workers: int) -> Any:
+    """Start worker processes here; raises InputError where the main script does not let them start."""
+    from distributed import LocalCluster
+
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        # this is such a process, importing a script that starts workers without asking whether it is the main one
+        raise SystemExit(1)
+    script = getattr(sys.modules["__main__"], "__file__", None)
+    as_module = getattr(sys.modules["__main__"], "__spec__", None) is not None
+    if script is not None and not as_module and not Path(script).exists():
+        raise InputError(f"worker processes import the main script, but {script} is no file; put it into one or use workers=0")
+    try:
+        with _interrupts_for_this_process_only():
+            return LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                host="127.0.0.1",
+                dashboard_address="127.0.0.1:0",
+                silence_logs=logging.CRITICAL,
+            )
+    except RuntimeError as problem:
+        if script is None or "failed to start" not in str(problem):
+            raise
+        unguarded = "__main__" not in Path(script).read_text(encoding="utf-8", errors="replace")
+        raise InputError(
+            f"the worker processes did not start ({str(problem).rstrip('.')}); they import {script}, whose work must stand "
+            'under `if __name__ == "__main__":`, or use workers=0'
+        ) from (None if unguarded else problem)
+
+
 def _run_located(function: Callable[[Any], Any], item: Any) -> tuple[str, Any]:
     from distributed import get_worker
 
@@ -115,7 +147,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         scheduler_file: Path | None = None,
         progress: Progress = silent,
     ) -> None:
-        from distributed import Client, LocalCluster
+        from distributed import Client
 
         self._run = run
         self._progress = progress
@@ -123,15 +155,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         self._calls = 0
         self._cluster: Any = None
         if scheduler is None and scheduler_file is None:
-            with _interrupts_for_this_process_only():
-                self._cluster = LocalCluster(
-                    n_workers=workers,
-                    threads_per_worker=1,
-                    processes=True,
-                    host="127.0.0.1",
-                    dashboard_address="127.0.0.1:0",
-                    silence_logs=logging.CRITICAL,
-                )
+            self._cluster = _start_cluster(workers)
             self._client: Any = Client(self._cluster)
             return
         try:

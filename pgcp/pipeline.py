@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import platform
-import tempfile
 import uuid
 from dataclasses import asdict, fields
 from importlib.metadata import PackageNotFoundError, version
@@ -20,6 +19,7 @@ from pgcp.clock import Clock
 from pgcp.dirichlet import choose_backend
 from pgcp.errors import FoldError, InputError
 from pgcp.executors import DaskExecutor, Progress, SerialExecutor, silent
+from pgcp.files import scratch_directory
 from pgcp.io import read_mesh
 from pgcp.operators import needed_mollification
 from pgcp.options import Options
@@ -103,11 +103,11 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         original, (mesh, unit) = mesh, unit_mesh(mesh)
         mollification = needed_mollification(mesh.vertices, mesh.faces)
     with (
-        tempfile.TemporaryDirectory(prefix="pgcp-", dir=options.store) as directory,
+        scratch_directory(options.store) as directory,
         _executor(options, run, progress) as executor,
     ):
         clock.executor = executor
-        job = Job(run, Path(directory), options.flatten, backend, options.factor_cache_bytes)
+        job = Job(run, directory, options.flatten, backend, options.factor_cache_bytes)
         task = Task(mesh, topology, target, mollification, options, job, executor, clock)
         outcome = map_mesh(task)
         done, target = outcome.done, outcome.done.target

@@ -39,10 +39,12 @@ class _Element:
 
     @property
     def has_lists(self) -> bool:
+        """Whether rows differ in size."""
         return any(p.count_kind for p in self.properties)
 
     @property
     def least_bytes(self) -> int:
+        """Bytes of a binary row whose lists are empty."""
         return sum(np.dtype(p.count_kind or p.kind).itemsize for p in self.properties)
 
 

@@ -1,15 +1,16 @@
-"""Write meshes and maps. Every file is written under a temporary name and renamed when it is whole."""
+"""Write meshes and maps. Files are written under temporary names and renamed when they are whole."""
 
 from __future__ import annotations
 
 import json
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
 from pgcp.errors import BadFileError
-from pgcp.files import replacing
+from pgcp.files import replacing, replacing_together
 from pgcp.types import FloatArray, IntArray, Mesh, Parameterization
 
 _CHUNK = 100_000
@@ -21,20 +22,17 @@ def _write_rows(stream: IO[bytes], form: str, rows: np.ndarray) -> None:
         stream.write(((form * len(chunk)) % tuple(chunk.reshape(-1).tolist())).encode())
 
 
-def _write_obj(path: Path, mesh: Mesh, uv: FloatArray | None) -> None:
-    if uv is not None and uv.shape[1] != 2:
-        raise BadFileError(f"{path}: an OBJ file has place for planar texture coordinates only")
-    with replacing(path) as stream:
-        _write_rows(stream, "v %.9g %.9g %.9g\n", mesh.vertices)
-        numbers = mesh.faces.astype(np.int64) + 1
-        if uv is None:
-            _write_rows(stream, "f %d %d %d\n", numbers)
-        else:
-            _write_rows(stream, "vt %.9g %.9g\n", uv)
-            _write_rows(stream, "f %d/%d %d/%d %d/%d\n", np.repeat(numbers, 2, axis=1))
+def _write_obj(stream: IO[bytes], mesh: Mesh, uv: FloatArray | None) -> None:
+    _write_rows(stream, "v %.9g %.9g %.9g\n", mesh.vertices)
+    numbers = mesh.faces.astype(np.int64) + 1
+    if uv is None:
+        _write_rows(stream, "f %d %d %d\n", numbers)
+    else:
+        _write_rows(stream, "vt %.9g %.9g\n", uv)
+        _write_rows(stream, "f %d/%d %d/%d %d/%d\n", np.repeat(numbers, 2, axis=1))
 
 
-def _write_ply(path: Path, mesh: Mesh, uv: FloatArray | None) -> None:
+def _write_ply(stream: IO[bytes], mesh: Mesh, uv: FloatArray | None) -> None:
     fields: list[tuple[str, str]] = [("x", "<f8"), ("y", "<f8"), ("z", "<f8")]
     names = () if uv is None else ("s", "t") if uv.shape[1] == 2 else ("sx", "sy", "sz")
     kind = "<f8" if len(names) == 3 else "<f4"
@@ -51,10 +49,9 @@ def _write_ply(path: Path, mesh: Mesh, uv: FloatArray | None) -> None:
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertex)}"]
     header += [f"property {types[kind]} {name}" for name, kind in fields]
     header += [f"element face {len(face)}", "property list uchar int vertex_indices", "end_header", ""]
-    with replacing(path) as stream:
-        stream.write("\n".join(header).encode())
-        stream.write(vertex.tobytes())
-        stream.write(face.tobytes())
+    stream.write("\n".join(header).encode())
+    stream.write(vertex.tobytes())
+    stream.write(face.tobytes())
 
 
 def write_mesh(path: str | Path, mesh: Mesh, uv: FloatArray | None = None) -> None:
@@ -67,30 +64,37 @@ def write_mesh(path: str | Path, mesh: Mesh, uv: FloatArray | None = None) -> No
     writers = {".obj": _write_obj, ".ply": _write_ply}
     if path.suffix.lower() not in writers:
         raise BadFileError(f"{path}: cannot write {path.suffix}; known are {', '.join(writers)}")
-    writers[path.suffix.lower()](path, mesh, uv)
-
-
-def write_json(path: Path, data: dict[str, Any]) -> None:
-    """Write a report."""
+    if uv is not None and uv.shape[1] != 2 and path.suffix.lower() == ".obj":
+        raise BadFileError(f"{path}: an OBJ file has place for planar texture coordinates only")
     with replacing(path) as stream:
-        stream.write(json.dumps(data, indent=2, allow_nan=False).encode() + b"\n")
+        writers[path.suffix.lower()](stream, mesh, uv)
 
 
-def write_outputs(directory: Path, stem: str, result: Parameterization, picture: bytes) -> list[Path]:
-    """Write npz, obj, ply, png and report.json into a directory made as needed; returns the paths, the report last."""
-    directory.mkdir(parents=True, exist_ok=True)
-    paths = [directory / f"{stem}{suffix}" for suffix in (".npz", ".obj", ".ply", ".png")] + [directory / "report.json"]
+def write_outputs(
+    directory: Path,
+    stem: str,
+    result: Parameterization,
+    picture: bytes,
+    switching: AbstractContextManager[object] | None = None,
+) -> list[Path]:
+    """Write npz, obj, ply, png and report.json into a directory made as needed; returns the paths, the report last.
+
+    All are written and on the disk before the first takes the place of an earlier one, inside ``switching``; a failure
+    before that leaves everything as it was.
+    """
     faces: IntArray = result.mesh.faces
-    with replacing(paths[0]) as stream:
-        key = "sphere" if result.target == "sphere" else "uv"
-        arrays: dict[str, Any] = {key: result.coordinates, "faces": faces, "patch": result.patch, "mu": result.mu}
-        np.savez(stream, **arrays)
-    if result.target == "sphere":
-        write_mesh(paths[1], Mesh(result.coordinates, result.mesh.faces, stem))
-    else:
-        write_mesh(paths[1], result.mesh, result.coordinates)
-    write_mesh(paths[2], result.mesh, result.coordinates)
-    with replacing(paths[3]) as stream:
-        stream.write(picture)
-    write_json(paths[4], result.report)
-    return paths
+    key = "sphere" if result.target == "sphere" else "uv"
+    arrays: dict[str, Any] = {key: result.coordinates, "faces": faces, "patch": result.patch, "mu": result.mu}
+    report = json.dumps(result.report, indent=2, allow_nan=False).encode() + b"\n"
+    with replacing_together(directory) as files:
+        np.savez(files.open(f"{stem}.npz"), **arrays)
+        if result.target == "sphere":
+            _write_obj(files.open(f"{stem}.obj"), Mesh(result.coordinates, faces, stem), None)
+        else:
+            _write_obj(files.open(f"{stem}.obj"), result.mesh, result.coordinates)
+        _write_ply(files.open(f"{stem}.ply"), result.mesh, result.coordinates)
+        files.open(f"{stem}.png").write(picture)
+        files.open("report.json").write(report)
+        files.sync()
+        with switching or nullcontext():
+            return files.switch()
