@@ -8,6 +8,7 @@ import json
 import os
 import struct
 import time
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -204,6 +205,45 @@ def test_bad_contents_are_refused_saying_what_and_where(name, tmp_path):
     assert time.perf_counter() - start < 5
     assert "\n" not in str(caught.value)
     assert "m." in str(caught.value)
+
+
+LONG = {
+    "rows of changing length": ("ply", binary(b"\0\0\1\0" * 250_000, face=600_000, lists=LIST.replace("int", "uchar"))),
+    "rows of nothing": ("ply", ply(CORNERS + "0\n" * 400_000, face=400_000)),
+    "short vertex lines": ("obj", b"v \n" * 300_000),
+    "short face lines": ("obj", V + b"f\n" * 450_000),
+    "one long line": ("obj", V + b"f " + b"1 " * 450_000),
+    "one long corner": ("obj", V + b"f 1/" + b"/" * 900_000 + b" 2 3 4\n"),
+    "joined lines": ("obj", V + b"f 1 2 \\\n" * 100_000),
+    "comments": ("off", b"#\n" * 450_000),
+    "blanks": ("off", b" " * 900_000),
+    "header lines": ("ply", b"ply\n" + b"comment\n" * 110_000),
+    "elements": ("ply", b"ply\nformat ascii 1.0\n" + b"element e 0\n" * 80_000 + b"end_header\n"),
+    "facets": ("stl", b"solid\n" + b"facet\n" * 150_000),
+    "lists of json": ("gltf", b'{"asset": {}, "nodes": [' + b"[], " * 220_000 + b"0]}"),
+    "a chain of nodes": ("gltf", json.dumps({"asset": {}, "nodes": [{"children": [i + 1]} for i in range(40_000)]}).encode()),
+}
+
+
+@pytest.mark.parametrize("name", LONG)
+def test_files_made_to_take_long_are_refused_soon_and_in_little_memory(name, tmp_path):
+    suffix, content = LONG[name]
+    path = tmp_path / f"m.{suffix}"
+    path.write_bytes(content)
+    assert 800_000 < len(content) < 1_200_000
+    start = time.process_time()
+    with pytest.raises(InputError):
+        read_mesh(path)
+    assert time.process_time() - start < 5
+    if name not in ("rows of nothing", "one long line", "one long corner", "joined lines", "blanks"):
+        return  # tracing memory makes many small objects twenty times as slow
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError):
+            read_mesh(path)
+        assert tracemalloc.get_traced_memory()[1] < 10 * len(content) + 100e6
+    finally:
+        tracemalloc.stop()
 
 
 OTHER_SPELLINGS = {

@@ -12,11 +12,15 @@ from pgcp.types import FloatArray, IntArray
 
 _MAGIC = re.compile(rb"(?:ST)?C?N?(4?n?)OFF\b[ \t]*(BINARY)?")
 
+_BLANK = re.compile(rb"\s+|#[^\r\n]*")
+
 
 def read_off(data: bytes) -> tuple[FloatArray, IntArray]:
     """Vertices (V, 3) and faces (F, 3) of an OFF file; raises BadFileError saying what is wrong and where."""
-    begin = re.match(rb"(?:\xef\xbb\xbf)?(?:\s|#[^\r\n]*[\r\n])*", data)
-    magic = _MAGIC.match(data, begin.end() if begin else 0)
+    start = 3 if data.startswith(b"\xef\xbb\xbf") else 0
+    while passed := _BLANK.match(data, start):
+        start = passed.end()
+    magic = _MAGIC.match(data, start)
     if magic is None:
         raise BadFileError(f"it does not begin with the word OFF but with {shown(data[:20])}")
     if magic[1] or magic[2]:
