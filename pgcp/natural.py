@@ -197,8 +197,11 @@ def natural_boundary(
     after = np.roll(loop, -1)
     n = len(z)
     outer = loop_edges(edges, loop, n)
-    log_scale = np.log(np.abs(z[after] - s) / lengths[outer])
-    log_scale -= np.average(log_scale, weights=lengths[outer])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        log_scale = np.log(np.abs(z[after] - s) / lengths[outer])
+        log_scale -= np.average(log_scale, weights=lengths[outer])
+    if not np.isfinite(log_scale).all():
+        return np.full(n, complex(np.nan, np.nan))
     group = -(-len(corners) // _MAX_PANELS)
     starts = np.append(corners[::group], len(loop))
     steps = np.abs(np.roll(s, -1) - s)
@@ -213,4 +216,6 @@ def natural_boundary(
     own[outer] = np.arange(len(loop))
     middle = 0.5 * (z[edges[:, 0]] + z[edges[:, 1]])
     phi = _cauchy(middle, own, x, y, starts, reach, density)
-    return _integrate(n, edges, (z[edges[:, 1]] - z[edges[:, 0]]) * np.exp(phi))
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps = (z[edges[:, 1]] - z[edges[:, 0]]) * np.exp(phi)
+    return _integrate(n, edges, steps)
