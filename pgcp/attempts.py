@@ -180,7 +180,8 @@ def _corrected(task: Task, points: Positions, target: str) -> tuple[Positions, C
     method = _CORRECTION[target] if options.moebius == "auto" else options.moebius
     if method == "none" or (target == "disk" and options.centre is not None):
         return points, None
-    return correct(task.mesh, points, target, method, task.boundary, np.flatnonzero(used_vertices(task.mesh)))
+    bare = task.mesh.bare
+    return correct(bare, points, target, method, task.boundary, np.flatnonzero(used_vertices(bare)))
 
 
 def _surroundings(task: Task, target: str) -> Surroundings:

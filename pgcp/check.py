@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pgcp.errors import DegenerateError, InputError, NotManifoldError, NotSimplyConnectedError
+from pgcp.mend import Mended, mend
 from pgcp.operators import face_areas
 from pgcp.topology import Topology, examine
 from pgcp.types import Mesh
@@ -15,10 +16,8 @@ _FAR = 1e4
 
 def fitting_target(name: str, topology: Topology, target: str) -> str:
     """Which target is meant; raises NotSimplyConnectedError where the mesh does not allow it."""
-    if topology.is_disk and target != "sphere":
-        return "free" if target == "auto" else target
-    if topology.is_sphere and target in ("auto", "sphere"):
-        return "sphere"
+    if topology.fits(target):
+        return "sphere" if topology.is_sphere else "free" if target == "auto" else target
     what = f"{name} is {topology.describe()}"
     if topology.is_disk:
         raise NotSimplyConnectedError(f"{what}, which the target sphere does not fit; use target free or disk")
@@ -33,18 +32,47 @@ def fitting_target(name: str, topology: Topology, target: str) -> str:
 def check_mesh(mesh: Mesh, target: str = "auto") -> Topology:
     """Examine a mesh and refuse one that the target does not fit; auto takes open disks and closed spheres.
 
-    Raises NotManifoldError, NotSimplyConnectedError or DegenerateError, saying what the mesh is and where it is wrong.
+    Raises NotManifoldError, NotSimplyConnectedError or DegenerateError, saying what the mesh is and where it is wrong, and
+    what ``--fix`` would do where that makes it fit.
     """
-    topology = examine(mesh.faces, len(mesh.vertices))
+    try:
+        return _check(mesh, target, examine(mesh.faces, len(mesh.vertices)))
+    except (NotManifoldError, NotSimplyConnectedError) as problem:
+        cure = what_fix_would_do(mesh, target)
+        raise type(problem)(f"{problem}; --fix would {cure}" if cure else str(problem)) from None
+
+
+def check_mended(mended: Mended, target: str = "auto") -> Topology:
+    """The same of a mesh that has been mended: says what could not be."""
+    mesh = mended.mesh
+    if mended.fixes:
+        mesh = Mesh(mesh.vertices, mesh.faces, f"{mesh.name}, fixed,", mesh.filler)
+    try:
+        return _check(mesh, target, mended.topology)
+    except (NotManifoldError, NotSimplyConnectedError) as problem:
+        raise type(problem)(f"{problem}; {mended.obstacle}" if mended.obstacle else str(problem)) from None
+
+
+def what_fix_would_do(mesh: Mesh, target: str = "auto") -> str:
+    """The steps that would make a mesh fit the target, as a phrase; empty where they would not, or where none is needed."""
+    try:
+        mended = mend(mesh, target)
+        check_mended(mended, target)
+    except InputError:
+        return ""
+    return ", ".join(f"{fix.step} {fix.what}" for fix in mended.fixes)
+
+
+def _check(mesh: Mesh, target: str, topology: Topology) -> Topology:
     if topology.defects:
         raise NotManifoldError(f"{mesh.name}: {topology.defects[0].message}")
     fitting_target(mesh.name, topology, target)
-    unit = unit_mesh(mesh)[0]
+    unit = unit_mesh(mesh)[0].bare
     flat = np.flatnonzero(~(face_areas(unit.vertices, unit.faces) > 0.0))
-    if len(flat) == len(mesh.faces):
+    if len(flat) == len(unit.faces):
         raise DegenerateError(f"{mesh.name}: all faces have zero area")
-    if len(flat) > _MOST_FLAT * len(mesh.faces):
-        raise DegenerateError(f"{mesh.name}: {len(flat)} of {len(mesh.faces)} faces have zero area{_lost_digits(mesh)}")
+    if len(flat) > _MOST_FLAT * len(unit.faces):
+        raise DegenerateError(f"{mesh.name}: {len(flat)} of {len(unit.faces)} faces have zero area{_lost_digits(mesh)}")
     return topology
 
 
@@ -70,7 +98,8 @@ def unit_mesh(mesh: Mesh) -> tuple[Mesh, float]:
     if not size > 0.0:
         raise DegenerateError(f"{mesh.name}: all faces have zero area")
     more = int(np.frexp(size)[1])
-    return Mesh(np.ldexp(points - 0.5 * (low + high), -more), mesh.faces, mesh.name), float(np.ldexp(1.0, exponent + more))
+    moved = np.ldexp(points - 0.5 * (low + high), -more)
+    return Mesh(moved, mesh.faces, mesh.name, mesh.filler), float(np.ldexp(1.0, exponent + more))
 
 
 def check_centre(mesh: Mesh, centre: int | None, moebius: str, target: str) -> None:

@@ -57,6 +57,9 @@ def build_parser() -> argparse.ArgumentParser:
         "--no-overlap", action="store_true", help="where a free map overlaps itself, map to the disk instead, and say so"
     )
     parser.add_argument("--repair-cuts", action="store_true", help="mend parts that the cuts leave and that are no disks")
+    parser.add_argument(
+        "--fix", action="store_true", help="repair the topology of a mesh that would be refused: cut, split, weld, fill holes"
+    )
     parser.add_argument("--flatten", choices=FLATTENERS, default="dncp", help="how patches are flattened (default dncp)")
     parser.add_argument("--backend", default="auto", help="sparse factorization: auto, pardiso or superlu")
     parser.add_argument("--seed", type=int, default=0, help="seed of the partition (default 0)")
@@ -157,7 +160,9 @@ class _Signals(AbstractContextManager["_Signals"]):
         self._set(signal.SIG_DFL)
 
 
-def _check_only(mesh: Mesh) -> int:
+def _check_only(mesh: Mesh, target: str, fix: bool) -> int:
+    from pgcp.check import check_mended, what_fix_would_do
+    from pgcp.mend import mend
     from pgcp.topology import examine
 
     topology = examine(mesh.faces, len(mesh.vertices))
@@ -174,6 +179,16 @@ def _check_only(mesh: Mesh) -> int:
     _say(f"  targets that fit: {fitting}")
     for defect in topology.defects:
         _say(f"  defect: {defect.message}")
+    if fix:
+        mended = mend(mesh, target)
+        for done in mended.fixes:
+            _say(f"  fixed: {done.as_record()['message']}")
+        check_mended(mended, target)
+        _say(f"  then it is {mended.topology.describe()}")
+        return GOOD
+    cure = what_fix_would_do(mesh, target)
+    if cure:
+        _say(f"  --fix would {cure}")
     return GOOD if topology.is_disk or topology.is_sphere else BAD_INPUT
 
 
@@ -196,9 +211,11 @@ def _summary(result: Parameterization, seconds: float, directory: Path) -> str:
     q = result.quality
     stages = ", ".join(f"{s['name']} {s['seconds']:.2f}" for s in result.report["stages"])
     patches = _counted(len(result.report["patches"]), "patch", "patches")
+    fixes = "".join(f"  fixed: {fix['message']}\n" for fix in result.report["fixes"])
     return (
         f"{result.mesh.name}: {len(result.mesh.vertices)} vertices, target {result.target}, {patches}, "
         f"{seconds:.1f} s ({stages})\n"
+        f"{fixes}"
         f"  |angle error| mean {q.angle_mean_deg:.4f}, sd {q.angle_sd_deg:.4f}, max {q.angle_max_deg:.2f} degrees; "
         f"folds {q.folds}{'' if q.degree is None else f', degree {q.degree:.0f}'}\n"
         f"{_notes(result.report)}"
@@ -215,6 +232,7 @@ def _record(result: Parameterization, seconds: float, paths: list[Path]) -> dict
         "target": result.target,
         "patches": len(report["patches"]),
         "seconds": round(seconds, 3),
+        "fixes": report["fixes"],
         "quality": report["quality"],
         "repairs": report["repairs"],
         "overlap": report["overlap"],
@@ -248,6 +266,7 @@ def _options(arguments: argparse.Namespace) -> Options:
         repairs=_repairs(arguments.repairs),
         no_overlap=arguments.no_overlap,
         factor_cache_bytes=arguments.factor_cache_mb * 1024**2,
+        fix=arguments.fix,
     )
 
 
@@ -261,7 +280,8 @@ def _run(arguments: argparse.Namespace, signals: _Signals) -> int:
 
     started = time.perf_counter()
     if arguments.check_only:
-        return _check_only(demo_mesh() if arguments.mesh is None else read_mesh(arguments.mesh))
+        mesh = demo_mesh() if arguments.mesh is None else read_mesh(arguments.mesh)
+        return _check_only(mesh, arguments.target, arguments.fix)
     from pgcp.io import write_outputs
     from pgcp.pipeline import compute, fold_message
     from pgcp.report import draw

@@ -26,7 +26,8 @@ class Options:
     scheduler or scheduler_file: a running dask cluster; cuts: a file of cut edges; repair_cuts: mend parts that are
     no disks; flatten: dncp or scp; backend: auto, pardiso or superlu; seed: of the partition; store: directory shared
     with the workers; repairs: which tiers may take folds away, in this order; no_overlap: where a free map overlaps itself, map
-    to the disk instead; factor_cache_bytes: what factors one process may keep between the passes.
+    to the disk instead; factor_cache_bytes: what factors one process may keep between the passes; fix: repair the topology
+    of a mesh that the target does not fit.
     """
 
     patches: int | None = None
@@ -45,6 +46,7 @@ class Options:
     repairs: tuple[str, ...] = REPAIRS
     no_overlap: bool = False
     factor_cache_bytes: int = 2 * 1024**3
+    fix: bool = False
 
     def __post_init__(self) -> None:
         if self.patches is not None and self.patches < 1:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import uuid
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -13,14 +13,15 @@ import numpy as np
 
 from pgcp.assemble import placed
 from pgcp.attempts import Finished, Task, map_mesh
-from pgcp.beltrami import find_folds, map_coefficients
-from pgcp.check import check_centre, check_mesh, fitting_target, unit_mesh
+from pgcp.beltrami import covering_degree, find_folds, map_coefficients
+from pgcp.check import check_centre, check_mended, check_mesh, fitting_target, unit_mesh
 from pgcp.clock import Clock
 from pgcp.dirichlet import choose_backend
 from pgcp.errors import FoldError, InputError
 from pgcp.executors import DaskExecutor, Progress, SerialExecutor, silent
 from pgcp.files import scratch_directory
 from pgcp.io import read_mesh
+from pgcp.mend import Mended, mend, unmended
 from pgcp.operators import needed_mollification
 from pgcp.options import Options
 from pgcp.quality import measure_quality
@@ -89,6 +90,20 @@ def fold_message(result: Parameterization) -> str:
     )
 
 
+def _renumbered(options: Options, mended: Mended) -> Options:
+    """Options in the numbers of the mended mesh's vertices."""
+    if np.array_equal(mended.vertex_of, np.arange(len(mended.stands_for))):
+        return options
+    if options.cuts is not None:
+        raise InputError(f"{options.cuts}: the cut edges name vertices that --fix renumbers; cut the mesh that it writes")
+    if options.centre is None:
+        return options
+    centre = mended.vertex_now(options.centre)
+    if centre is None:
+        raise InputError(f"the centre is vertex {options.centre}, which --fix leaves out")
+    return replace(options, centre=centre)
+
+
 def compute(source: Any, options: Options, progress: Progress = silent) -> Parameterization:
     """As ``parameterize``, but a map with folds is returned like any other: its quality says so."""
     clock = Clock()
@@ -97,10 +112,12 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
     with clock.stage("read"):
         mesh = as_mesh(source)
     with clock.stage("check"):
-        topology = check_mesh(mesh, options.target)
+        mended = mend(mesh, options.target) if options.fix else unmended(mesh)
+        topology = check_mended(mended, options.target) if options.fix else check_mesh(mesh, options.target)
         target = fitting_target(mesh.name, topology, options.target)
         check_centre(mesh, options.centre, options.moebius, target)
-        original, (mesh, unit) = mesh, unit_mesh(mesh)
+        asked, options = options, _renumbered(options, mended)
+        mesh, unit = unit_mesh(mended.mesh)
         mollification = needed_mollification(mesh.vertices, mesh.faces)
     with (
         scratch_directory(options.store) as directory,
@@ -112,19 +129,24 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         outcome = map_mesh(task)
         done, target = outcome.done, outcome.done.target
         with clock.stage("place"):
+            whole, mesh = mesh, mesh.bare
             coordinates = placed(mesh, done.points, target, task.boundary, options.centre)
-            touched = done.changed_faces if options.centre is None else np.arange(len(mesh.faces))
-            done.mu[touched] = map_coefficients(mesh, mesh.faces[touched], coordinates)
+            changed = done.changed_faces if options.centre is None else np.arange(len(mesh.faces))
+            changed = changed[changed < len(mesh.faces)]
+            done.mu[changed] = map_coefficients(mesh, mesh.faces[changed], coordinates)
         description = executor.describe()
     clock.executor = SerialExecutor()
     with clock.stage("measure"):
-        quality = measure_quality(mesh, coordinates, done.mu)
+        mu, patch = done.mu[: len(mesh.faces)], done.flattened.split.labels[: len(mesh.faces)]
+        quality = measure_quality(mesh, coordinates, mu)
+        if target == "sphere" and whole.filler:
+            quality = replace(quality, degree=covering_degree(whole.faces, coordinates))
     if target == "free":
         coordinates = coordinates * unit
     report = {
         "mesh": {"name": mesh.name, "vertices": len(mesh.vertices), "faces": len(mesh.faces)},
         "versions": _versions(),
-        "options": _plain(options),
+        "options": _plain(asked),
         "seed": done.seed,
         "backend": backend,
         "threads": description["threads_per_worker"],
@@ -142,10 +164,12 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         "repairs": [asdict(repair) for repair in done.repaired.records],
         "overlap": outcome.overlap,
         "fallback": outcome.fallback,
+        "fixes": [fix.as_record() for fix in mended.fixes],
         "quality": asdict(quality),
         "status": "good" if quality.folds == 0 else "folded",
     }
-    return Parameterization(original, coordinates, done.flattened.split.labels, done.mu, quality, target, report)
+    lines_up = (mended.vertex_of, mended.face_of) if options.fix else (None, None)
+    return Parameterization(mended.mesh.bare, coordinates, patch, mu, quality, target, report, *lines_up)
 
 
 def _patch_rows(done: Finished) -> list[dict[str, Any]]:

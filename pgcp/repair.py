@@ -93,7 +93,7 @@ def _repaired_around(here: Surroundings, points: Positions, folded: IntArray, me
                 continue
             points = points.copy()
             points[region.vertex_ids] = moved
-        folded = find_folds(faces, points)
+        folded = find_folds(here.mesh.bare.faces, points)
         if len(folded) == 0:
             break
     return points
@@ -128,9 +128,9 @@ def repair_folds(here: Surroundings, points: Positions, methods: tuple[str, ...]
     """Take folds away with the given tiers, one after the other until none is left.
 
     points: complex (V,) in the plane or unit vectors (V, 3). No tier is called, and nothing recorded, where there is no
-    fold.
+    fold; folds of filler do not count.
     """
-    faces = here.mesh.faces
+    faces = here.mesh.bare.faces
     start = points
     folded = find_folds(faces, points)
     records: list[Repair] = []

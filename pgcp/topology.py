@@ -52,6 +52,10 @@ class Topology:
         """Whether the mesh is one closed surface of genus 0."""
         return self._clean() and self.euler_characteristic == 2 and not self.loops
 
+    def fits(self, target: str) -> bool:
+        """Whether a target can take the mesh; auto takes disks and spheres."""
+        return (self.is_disk and target != "sphere") or (self.is_sphere and target in ("auto", "sphere"))
+
     @property
     def genus(self) -> int | None:
         """Genus of the one oriented component, or None where it is not defined."""

@@ -21,12 +21,14 @@ Positions = npt.NDArray[Any]  # complex (n,) in the plane, or unit vectors (n, 3
 class Mesh:
     """A triangle mesh: vertices (V, 3) float64, faces (F, 3) integers, counter-clockwise from outside.
 
+    The last ``filler`` faces close holes: they are mapped with the others, but neither measured nor given out.
     Raises InputError where shapes, indices or coordinates are not those of a mesh.
     """
 
     vertices: FloatArray
     faces: IntArray
     name: str = "mesh"
+    filler: int = 0
 
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices, np.float64)
@@ -47,8 +49,15 @@ class Mesh:
         if not np.isfinite(vertices).all():
             bad = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
             raise DegenerateError(f"{self.name}: vertex {bad} has a coordinate that is not a finite number")
+        if not 0 <= self.filler < len(faces):
+            raise InputError(f"{self.name}: {self.filler} of {len(faces)} faces cannot be filler")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
+
+    @property
+    def bare(self) -> Mesh:
+        """The mesh without its filler."""
+        return Mesh(self.vertices, self.faces[: len(self.faces) - self.filler], self.name) if self.filler else self
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -218,7 +227,9 @@ class Quality:
 class Parameterization:
     """The finished map: coordinates, patch (F,), mu (F,), quality, and the report as plain data.
 
-    coordinates (V, 2) in the plane (targets free and disk) or unit vectors (V, 3) (target sphere).
+    coordinates (V, 2) in the plane (targets free and disk) or unit vectors (V, 3) (target sphere). Where the mesh was to be
+    fixed, ``mesh`` is the fixed one, and vertex_of (V,) and face_of (F,) say which vertex and face of the input each of its
+    own is; else they are None.
     """
 
     mesh: Mesh
@@ -228,3 +239,5 @@ class Parameterization:
     quality: Quality
     target: str
     report: dict[str, Any] = field(repr=False, default_factory=dict)
+    vertex_of: IntArray | None = None
+    face_of: IntArray | None = None

@@ -159,6 +159,32 @@ def test_check_only_says_what_the_mesh_is_and_lists_defects(folder, capsys):
     assert "edges have more than two faces" in out
 
 
+def test_a_mesh_with_defects_is_refused_with_what_would_mend_it_and_mapped_with_fix(folder, capsys):
+    mesh = pgcp.read_mesh(folder / "hills.obj")
+    pgcp.write_mesh(folder / "holed.ply", pgcp.Mesh(mesh.vertices, np.delete(mesh.faces, [150, 151], axis=0)))
+    done = run(folder / "holed.ply")
+    assert done.returncode == 2
+    assert done.stderr.endswith("; --fix would fill 1 hole (4 edges) with 2 faces\n")
+    assert main([str(folder / "holed.ply"), "--check-only"]) == 2
+    assert "  --fix would fill 1 hole (4 edges) with 2 faces\n" in capsys.readouterr().out
+    assert main([str(folder / "holed.ply"), "--check-only", "--fix"]) == 0
+    assert "  fixed: filled 1 hole (4 edges) with 2 faces\n  then it is an open surface" in capsys.readouterr().out
+    done = run(folder / "holed.ply", "--fix", "--patches", 3)
+    assert done.returncode == 0, done.stderr
+    assert "  fixed: filled 1 hole (4 edges) with 2 faces\n" in done.stdout
+    done = run(folder / "holed.ply", "--fix", "--patches", 3, "--json")
+    record = {"step": "fill", "count": 1, "message": "filled 1 hole (4 edges) with 2 faces"}
+    assert json.loads(done.stdout)["fixes"] == [record]
+    out = folder / "holed_pgcp"
+    assert json.loads((out / "report.json").read_text())["fixes"] == [record]
+    with np.load(out / "holed.npz") as data:
+        assert set(data) == {"uv", "faces", "patch", "mu", "vertex_of", "face_of"}
+        assert len(data["faces"]) == len(data["mu"]) == len(data["patch"]) == 382
+        assert np.array_equal(data["vertex_of"], np.arange(len(mesh.vertices)))
+        assert np.array_equal(data["face_of"], np.arange(382))
+    assert all(len(pgcp.read_mesh(out / f"holed{suffix}").faces) == 382 for suffix in (".obj", ".ply"))
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -179,6 +205,14 @@ def test_check_only_says_what_the_mesh_is_and_lists_defects(folder, capsys):
         (["hills.obj", "--target", "sphere"], "one boundary loop of 56 edges, which the target sphere does not fit; use"),
         (["torus.ply"], "genus 1, closed; no target fits it"),
         (["torus.ply", "--target", "sphere"], "genus 1, closed; no target fits it"),
+        (["torus.ply", "--fix"], "closed surface of genus 0; --fix does not change the genus"),
+        (
+            ["hills.obj", "--fix", "--target", "sphere"],
+            "--fix does not fill the hole of 56 edges at vertex 0: a flat disk of its",
+        ),
+        (["ring.ply", "--fix", "--target", "disk", "--centre", "0"], "vertex 0 is on the boundary"),
+        (["island.ply", "--fix", "--target", "disk", "--centre", "1"], "the centre is vertex 1, which --fix leaves out"),
+        (["island.ply", "--fix", "--cuts", "cuts.txt"], "the cut edges name vertices that --fix renumbers"),
         (["ring.ply", "--target", "disk"], "2 boundary loops; no target fits it"),
         (["hills.obj", "--centre", "3"], "the target free has no centre"),
         (["hills.obj", "--target", "disk", "--centre", "-3"], "centre is vertex -3"),
@@ -191,6 +225,8 @@ def test_mistakes_get_one_sentence_and_status_2(arguments, words, folder):
     pgcp.write_mesh(folder / "closed.ply", tetrahedron())
     pgcp.write_mesh(folder / "torus.ply", torus())
     pgcp.write_mesh(folder / "ring.ply", pgcp.Mesh(grid(6).vertices, np.delete(grid(6).faces, [30], axis=0)))
+    island = np.vstack([grid(1).faces, grid(6).faces + 4])
+    pgcp.write_mesh(folder / "island.ply", pgcp.Mesh(np.vstack([grid(1).vertices + 9, grid(6).vertices]), island))
     before = sorted(folder.iterdir())
     done = run(*arguments, cwd=folder)
     assert done.returncode == 2

@@ -85,6 +85,8 @@ def write_outputs(
     faces: IntArray = result.mesh.faces
     key = "sphere" if result.target == "sphere" else "uv"
     arrays: dict[str, Any] = {key: result.coordinates, "faces": faces, "patch": result.patch, "mu": result.mu}
+    if result.vertex_of is not None and result.face_of is not None:
+        arrays |= {"vertex_of": result.vertex_of, "face_of": result.face_of}
     report = json.dumps(result.report, indent=2, allow_nan=False).encode() + b"\n"
     with replacing_together(directory) as files:
         np.savez(files.open(f"{stem}.npz"), **arrays)
