@@ -18,7 +18,7 @@ from pgcp.errors import NumericalError, SolveFailedError, WeldFailedError
 from pgcp.executors import Executor
 from pgcp.io import read_cuts
 from pgcp.options import Options
-from pgcp.repair import Repaired, Surroundings, repair_folds
+from pgcp.repair import Repaired, Surroundings, embedding_alone, repair_folds
 from pgcp.split import Split, cut_patch, plans, split_mesh
 from pgcp.store import PatchStore
 from pgcp.tasks import Job, SolveReport, flatten_task, relax_task, solve_task, weld_closed_task, weld_task
@@ -230,15 +230,14 @@ def _choices(options: Options, count: int, fewest: int) -> Iterator[tuple[int, i
         yield count, options.seed
 
 
-def _map_with_retries(task: Task) -> tuple[Finished, list[dict[str, Any]]]:
+def _map_with_retries(task: Task, failures: list[dict[str, Any]]) -> Finished:
     """Map the patches; where a weld fails or folds remain, try other weld orders, other seeds, and fewer patches.
 
-    The last tier of repair waits until some maps have been left with folds. Raises WeldFailedError or SolveFailedError
-    where nothing led to a map, CrowdedError where the disk has no room for it.
+    What did not serve is added to ``failures``. The last tier of repair waits until some maps have been left with folds.
+    Raises WeldFailedError or SolveFailedError where nothing led to a map, CrowdedError where the disk has no room for it.
     """
     cuts = read_cuts(task.options.cuts) if task.options.cuts is not None else None
     fewest = 2 if task.target == "sphere" else 1
-    failures: list[dict[str, Any]] = []
     best: Finished | None = None
     folded = 0
     problem: WeldFailedError | SolveFailedError | None = None
@@ -260,12 +259,12 @@ def _map_with_retries(task: Task) -> tuple[Finished, list[dict[str, Any]]]:
                     best = done
                 folded += 1
                 if done.folds == 0 or folded == _MOST_FOLDED:
-                    return _embedded(task, best), failures
+                    return _embedded(task, best)
                 reason = f"{done.folds} folds are left"
             failures.append({**note, "weld_order": order, "reason": reason})
     if best is None:
         raise problem if problem is not None else WeldFailedError("no weld order was tried")
-    return _embedded(task, best), failures
+    return _embedded(task, best)
 
 
 def _overlap(z: ComplexArray, boundary: IntArray) -> dict[str, Any]:
@@ -286,13 +285,45 @@ class Outcome:
     fallback: dict[str, str] | None = None
 
 
+def _alone(task: Task, target: str) -> Finished:
+    """The whole mesh embedded at once, without welds: free of folds, but hardly conformal."""
+    here = _surroundings(task, target)
+    everything = np.arange(len(task.mesh.faces))
+    with task.clock.stage("embed"):
+        repaired = repair_folds(here, embedding_alone(here), task.options.repairs[:-1])
+    split = split_mesh(task.mesh, task.topology, 2 if target == "sphere" else 1, mollification=task.mollification)
+    patches = [cut_patch(task.mesh, split, index) for index in range(split.patch_count)]
+    none, z = np.empty(0, np.int64), np.empty(0, np.complex128)
+    nowhere = Component(none, z, none, none.reshape(0, 2), np.empty(0), 0)
+    return Finished(
+        Flattened(split, patches, [], task.job),
+        nowhere,
+        [],
+        [],
+        SeamPositions(none, repaired.points[none]),
+        np.zeros(len(everything), np.complex128),
+        replace(repaired, touched=everything),
+        None,
+        task.options.seed,
+        target,
+    )
+
+
 def map_mesh(task: Task) -> Outcome:
     """Map a mesh to its target.
 
     A free map that is left with folds, or with overlaps where none are wanted, gives way to the map to the disk from the
-    same welds, whose boundary is convex. Raises NumericalError where there is no map, or none without overlaps.
+    same welds, whose boundary is convex. Where all welds fail the mesh is embedded as a whole. Raises NumericalError where
+    there is no map, or none without overlaps.
     """
-    done, failures = _map_with_retries(task)
+    failures: list[dict[str, Any]] = []
+    try:
+        done = _map_with_retries(task, failures)
+    except (WeldFailedError, SolveFailedError) as problem:
+        if "embed" not in task.options.repairs:
+            raise
+        done = _alone(task, "sphere" if task.target == "sphere" else "disk")
+        return Outcome(done, failures, None, {"from": task.target, "to": f"{done.target} (embedding)", "reason": str(problem)})
     if task.target != "free":
         return Outcome(done, failures)
     overlap = _overlap(done.points, task.boundary)

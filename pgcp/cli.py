@@ -200,7 +200,9 @@ def _notes(report: dict[str, Any]) -> str:
     """Lines on what a user should know of a map beside its quality."""
     lines = [f"repaired by {r['method']}: {r['folds_before']} folds to {r['folds_after']}" for r in report["repairs"]]
     if report["fallback"]:
-        lines.append(f"mapped to the disk, not with a free boundary: {report['fallback']['reason']}")
+        lines.append(
+            f"instead of {report['fallback']['from']}, mapped to {report['fallback']['to']}: {report['fallback']['reason']}"
+        )
     if report["overlap"] and report["overlap"]["crossings"]:
         crossings = report["overlap"]["crossings"]
         lines.append(f"the boundary crosses itself {crossings} times: the map overlaps itself (--no-overlap maps to the disk)")

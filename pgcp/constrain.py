@@ -68,6 +68,8 @@ def constrain_to_disk(union: Component) -> SeamPositions:
 
 def constrain_to_sphere(union: Component) -> SeamPositions:
     """Map a closed union to the unit sphere, the mean of its points, weighted by seam length, at 0 (PGCP section 4.4.2)."""
+    if np.isnan(union.z).any() or len(np.unique(union.z)) < 3:
+        raise WeldFailedError("the welded union is so crowded that it cannot be brought to the sphere")
     weights = np.bincount(union.edges.reshape(-1), np.repeat(union.lengths, 2), len(union.nodes)).astype(np.float64)
     points, _ = balance_sphere(union.z, weights)
     if not np.isfinite(points).all():

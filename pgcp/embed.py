@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import numba
 import numpy as np
+from scipy.sparse import csr_array
 
 from pgcp.beltrami import folded_faces_on_sphere
 from pgcp.dirichlet import eliminate_interior
 from pgcp.mobius import rotation_to_north, to_plane
-from pgcp.operators import positive_laplacian
+from pgcp.operators import positive_laplacian, uniform_laplacian
 from pgcp.topology import pair_half_edges
 from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, Positions
 
@@ -26,15 +27,23 @@ _LEAST_SHARE = 1e-6
 _ROUNDING = 8.0 * np.finfo(np.float64).eps
 
 
-def embed_disk(mesh: Mesh, z: ComplexArray, boundary: IntArray, mollification: float, backend: str) -> ComplexArray:
+def _positive(mesh: Mesh, used: IntArray, faces: IntArray, mollification: float, uniform: bool) -> csr_array:
+    """Laplacian with weights that are all 1, or cotangents raised to 0.1 where they are less."""
+    if uniform:
+        return uniform_laplacian(faces, len(used))
+    everywhere = np.ones(len(faces), bool)
+    return positive_laplacian(mesh.vertices[used], faces, everywhere, _LEAST_WEIGHT, mollification)[0]
+
+
+def embed_disk(
+    mesh: Mesh, z: ComplexArray, boundary: IntArray, mollification: float, backend: str, uniform: bool = False
+) -> ComplexArray:
     """Map an open disk into the polygon of its boundary's positions z[boundary], which must be convex, without folds.
 
-    Weights below 0.1 are raised to it; vertices used by no face keep their positions.
+    With ``uniform`` weights parts that are long and thin shrink less. Vertices used by no face keep their positions.
     """
     used, local = np.unique(mesh.faces, return_inverse=True)
-    faces = local.reshape(-1, 3)
-    everywhere = np.ones(len(faces), bool)
-    laplacian, _ = positive_laplacian(mesh.vertices[used], faces, everywhere, _LEAST_WEIGHT, mollification)
+    laplacian = _positive(mesh, used, local.reshape(-1, 3), mollification, uniform)
     rim = np.searchsorted(used, boundary)
     factor = eliminate_interior(laplacian, rim, backend)
     out = z.copy()
@@ -80,10 +89,10 @@ def _lift(faces: IntArray, twins: IntArray, z: ComplexArray, stress: FloatArray,
     return out
 
 
-def embed_sphere(mesh: Mesh, points: FloatArray, mollification: float, backend: str) -> FloatArray:
+def embed_sphere(mesh: Mesh, points: FloatArray, mollification: float, backend: str, uniform: bool = False) -> FloatArray:
     """Map a closed surface of genus 0 onto the unit sphere without folds, near the map ``points`` (V, 3) where that is good.
 
-    The face with the largest image is the lid. Vertices used by no face keep their positions.
+    The face with the largest image is the lid. Weights as in ``embed_disk``; vertices used by no face keep their positions.
     """
     used, local = np.unique(mesh.faces, return_inverse=True)
     faces = local.reshape(-1, 3)
@@ -92,8 +101,7 @@ def embed_sphere(mesh: Mesh, points: FloatArray, mollification: float, backend: 
     lid = int(np.argmax(volumes))
     middle = corners[lid].sum(axis=0)
     rotation = rotation_to_north(-middle / np.linalg.norm(middle))
-    everywhere = np.ones(len(faces), bool)
-    laplacian, _ = positive_laplacian(mesh.vertices[used], faces, everywhere, _LEAST_WEIGHT, mollification)
+    laplacian = _positive(mesh, used, faces, mollification, uniform)
     rim = faces[lid]
     before = to_plane(points[used] @ rotation.T)
     factor = eliminate_interior(laplacian, rim, backend)

@@ -24,7 +24,8 @@ _CLOSEST = 1e-14
 def sphere_points(p: ComplexArray, q: ComplexArray) -> FloatArray:
     """Unit vectors (n, 3) of the points p / q (n,) of the extended plane; q = 0 is infinity."""
     size = np.maximum(np.abs(p), np.abs(q))
-    p, q = p / size, q / size
+    with np.errstate(invalid="ignore"):
+        p, q = p / size, q / size
     cross = 2.0 * p * q.conj()
     one, two = np.abs(p) ** 2, np.abs(q) ** 2
     points = np.column_stack([cross.real, cross.imag, two - one])
@@ -81,10 +82,11 @@ def balancing_step(points: FloatArray, weights: FloatArray) -> FloatArray:
     """Newton step b towards the conformal barycentre of points (n, d) on the unit sphere, |b| < 1; 0 when it is at 0.
 
     The barycentre minimises sum w log(|x - b|^2 / (1 - |b|^2)), which is convex along geodesics of the ball; its
-    gradient at 0 is -2 sum w x, its Hessian 4 (1 - sum w x x^T), for weights that sum to 1.
+    gradient at 0 is -2 sum w x, its Hessian 4 (1 - sum w x x^T), for weights that sum to 1. There is no step from points
+    that are not finite.
     """
     mean = weights @ points
-    if np.linalg.norm(mean) < _BALANCED:
+    if not np.linalg.norm(mean) >= _BALANCED:
         return np.zeros(points.shape[1])
     spread = np.eye(points.shape[1]) - (points * weights[:, None]).T @ points
     step = np.asarray(0.5 * np.linalg.lstsq(spread, mean, rcond=1e-12)[0], np.float64)

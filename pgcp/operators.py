@@ -148,6 +148,13 @@ def positive_laplacian(
     return _laplacian(keys // n, keys % n, np.where(raised, least, weights), n), int(raised.sum())
 
 
+def uniform_laplacian(faces: IntArray, vertex_count: int) -> csr_array:
+    """Laplacian (n, n) in which every edge weighs 1 (Tutte 1963)."""
+    tails, heads = faces[:, [1, 2, 0]].reshape(-1).astype(np.int64), faces[:, [2, 0, 1]].reshape(-1).astype(np.int64)
+    keys = np.unique(np.minimum(tails, heads) * vertex_count + np.maximum(tails, heads))
+    return _laplacian(keys // vertex_count, keys % vertex_count, np.ones(len(keys)), vertex_count)
+
+
 def _laplacian(tails: IntArray, heads: IntArray, values: FloatArray, n: int) -> csr_array:
     rows = np.concatenate([tails, heads, tails, heads])
     columns = np.concatenate([heads, tails, tails, heads])

@@ -173,18 +173,19 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
 
 
 def _patch_rows(done: Finished) -> list[dict[str, Any]]:
-    return [
-        {
-            "index": p.index,
-            "vertices": len(p.vertex_ids),
-            "faces": len(p.face_ids),
-            "boundary": len(p.boundary),
-            "pieces": c.pieces,
-            "folds": s.fold_count,
-            "folds_before_raising": s.first_fold_count,
-            "raised_weights": s.raised_weights,
-            "mu_max": s.mu_max,
-            "reused_factor": s.reused_factor,
-        }
-        for p, c, s in zip(done.flattened.patches, done.flattened.curves, done.solved, strict=True)
+    """What the report says of every patch; of an embedding as a whole, which solves no patch, only what they are."""
+    parts = done.flattened
+    rows: list[dict[str, Any]] = [
+        {"index": p.index, "vertices": len(p.vertex_ids), "faces": len(p.face_ids), "boundary": len(p.boundary)}
+        for p in parts.patches
     ]
+    for row, curve, solved in zip(rows, parts.curves, done.solved, strict=False):
+        row |= {
+            "pieces": curve.pieces,
+            "folds": solved.fold_count,
+            "folds_before_raising": solved.first_fold_count,
+            "raised_weights": solved.raised_weights,
+            "mu_max": solved.mu_max,
+            "reused_factor": solved.reused_factor,
+        }
+    return rows

@@ -25,6 +25,7 @@ from pgcp.untangle import untangle
 
 _RINGS = (3, 12, 48)
 _UNTANGLE_RINGS = 8
+_SHORTEST = 1e-6
 _SOLVERS: dict[str, Callable[[Mesh, Region, ComplexArray, float, str], ComplexArray]] = {
     "relax": relaxed,
     "compose": composed,
@@ -99,19 +100,56 @@ def _repaired_around(here: Surroundings, points: Positions, folded: IntArray, me
     return points
 
 
-def _embedded(here: Surroundings, points: Positions) -> Positions:
-    """The map that cannot fold, drawn back towards the folded one."""
-    held = here.fixed("embed")
+def _safe(here: Surroundings, points: Positions, uniform: bool) -> Positions | None:
+    """The map that cannot fold, near the given positions; None where it cannot be solved."""
     try:
         if here.target == "sphere":
-            safe: Positions = embed_sphere(here.mesh, points, here.mollification, here.backend)
+            out: Positions = embed_sphere(here.mesh, points, here.mollification, here.backend, uniform)
         else:
-            safe = embed_disk(here.mesh, points, here.boundary, here.mollification, here.backend)
+            out = embed_disk(here.mesh, points, here.boundary, here.mollification, here.backend, uniform)
     except SolveFailedError:
-        return points
-    if not np.isfinite(safe).all():
-        return points
-    return drawn_back(here.mesh.faces, safe, points, held)
+        return None
+    return out if np.isfinite(out).all() else None
+
+
+def _embedded(here: Surroundings, points: Positions) -> Positions:
+    """The map that cannot fold, drawn back towards the folded one.
+
+    Rounding may fold it even so, where parts are so long and thin that they shrink to nothing: then with uniform weights.
+    """
+    for uniform in (False, True):
+        safe = _safe(here, points, uniform)
+        if safe is not None and len(find_folds(here.mesh.faces, safe)) == 0:
+            return drawn_back(here.mesh.faces, safe, points, here.fixed("embed"))
+    return points
+
+
+def embedding_alone(here: Surroundings) -> Positions:
+    """A map without folds from nothing but the mesh, as near to conformal as positive weights make it.
+
+    The sphere's starts from directions seen from the surface's middle, the disk's from its boundary laid around the circle by
+    length.
+    """
+    mesh = here.mesh
+    if here.target == "sphere":
+        away = mesh.vertices - mesh.vertices[mesh.faces].mean(axis=(0, 1))
+        size = np.linalg.norm(away, axis=1)
+        start: Positions = np.where(size[:, None] > 0, away / np.where(size > 0, size, 1.0)[:, None], [0.0, 0.0, 1.0])
+    else:
+        loop = mesh.vertices[here.boundary]
+        lengths = np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1) + here.mollification
+        lengths = np.maximum(lengths, _SHORTEST * lengths.sum())
+        start = np.zeros(len(mesh.vertices), np.complex128)
+        start[here.boundary] = np.exp(2j * np.pi * (np.cumsum(lengths) - lengths[0]) / lengths.sum())
+    wanted = _safe(here, start, False)
+    if wanted is not None and len(find_folds(mesh.faces, wanted)) == 0:
+        return wanted
+    safe = _safe(here, start, True)
+    if safe is None:
+        raise SolveFailedError("the embedding with uniform weights is not finite")
+    if wanted is None or len(find_folds(mesh.faces, safe)) > 0:
+        return safe
+    return drawn_back(mesh.faces, safe, wanted, here.fixed("embed"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -111,9 +111,9 @@ if place == "write":
 elif place == "switch":
     os.replace = slow(os.replace)
 elif place == "solve":
-    from pgcp import pipeline
+    from pgcp import attempts, pipeline
     pipeline.measure_quality = slow(pipeline.measure_quality)
-    pipeline.collect = slow(pipeline.collect)
+    attempts.collect = slow(attempts.collect)
 if __name__ == "__main__":
     sys.exit(cli.main(sys.argv[4:]))
 """

@@ -308,7 +308,7 @@ def test_fewer_patches_are_the_last_resort_of_a_weld(monkeypatch, hills):
 def test_a_weld_that_fails_every_time_is_an_error(monkeypatch, hills):
     calls = fail_first_welds(monkeypatch, 1000)
     with pytest.raises(errors.WeldFailedError, match="made to fail"):
-        pgcp.parameterize(hills, patches=4)
+        pgcp.parameterize(hills, patches=4, repairs=())
     assert len(calls) == sum(len(orders_of(hills, 4, seed)) for seed in range(3)) + 2
 
 

@@ -9,7 +9,7 @@ from meshes import grid, icosphere, similarity_error, spheroid
 import pgcp
 from pgcp.beltrami import find_folds
 from pgcp.embed import drawn_back, embed_disk, embed_sphere
-from pgcp.errors import FoldError
+from pgcp.errors import FoldError, WeldFailedError
 from pgcp.options import REPAIRS
 from pgcp.regions import regions_around, rings_around
 from pgcp.repair import Surroundings, repair_folds
@@ -272,3 +272,30 @@ def test_a_free_map_that_stays_folded_gives_way_to_the_disk(monkeypatch):
     result = pgcp.parameterize(stretched(0, 0.2, 1, 0.02), patches=2, target="free")
     assert (result.target, result.quality.folds) == ("disk", 0)
     assert result.report["fallback"]["reason"] == "384 folds are left"
+
+
+def test_a_needle_for_which_the_sphere_has_no_room_is_embedded_and_that_is_said():
+    mesh, _ = spheroid(3, 300.0)
+    result = pgcp.parameterize(mesh, patches=4)
+    assert (result.target, result.quality.folds) == ("sphere", 0)
+    assert result.quality.degree == pytest.approx(1.0)
+    assert result.report["fallback"]["to"] == "sphere (embedding)"
+    assert np.abs(result.mu).max() < 1.0
+    assert result.report["retries"][-1]["reason"] == result.report["fallback"]["reason"]
+    with pytest.raises(WeldFailedError):
+        pgcp.parameterize(mesh, patches=4, repairs=REPAIRS[:-1])
+
+
+def test_an_open_surface_whose_welds_all_fail_is_embedded_in_the_disk(monkeypatch):
+    from pgcp import attempts
+
+    def fail(*_):
+        raise WeldFailedError("made to fail")
+
+    monkeypatch.setattr(attempts, "_weld_all", fail)
+    mesh = stretched(0, 0.3, 2, 0.05)
+    for target in ("free", "disk"):
+        result = pgcp.parameterize(mesh, patches=3, target=target)
+        assert (result.target, result.quality.folds) == ("disk", 0)
+        assert result.report["fallback"] == {"from": target, "to": "disk (embedding)", "reason": "made to fail"}
+        assert len(result.report["patches"]) == 1
