@@ -41,7 +41,9 @@ _SEEDS = 3
 _CONSTRAIN = {"free": keep_free, "disk": constrain_to_disk, "sphere": constrain_to_sphere}
 _CORRECTION = {"free": "none", "disk": "auto", "sphere": "auto"}
 _LISTED = 10
-_MOST_FOLDED = 4
+_FOLDED_MAPS = 2
+_FEW_FOLDS = 50
+_FEW_FRACTION = 0.005
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,6 +99,11 @@ class Finished:
     def folds(self) -> int:
         """Folds that are left."""
         return self.repaired.folds
+
+    @property
+    def is_good(self) -> bool:
+        """Whether no folds are left, and there never were more than a few."""
+        return self.folds == 0 and self.repaired.folds_before <= max(_FEW_FOLDS, _FEW_FRACTION * len(self.mu))
 
     @property
     def changed_faces(self) -> IntArray:
@@ -215,56 +222,64 @@ def _embedded(task: Task, done: Finished) -> Finished:
     with task.clock.stage("embed"):
         last = repair_folds(_surroundings(task, done.target), done.repaired.points, ("embed",))
     touched = np.union1d(done.repaired.touched, last.touched)
-    return replace(done, repaired=replace(last, touched=touched, records=done.repaired.records + last.records))
+    records = done.repaired.records + last.records
+    return replace(done, repaired=replace(last, touched=touched, records=records, folds_before=done.repaired.folds_before))
 
 
-def _choices(options: Options, count: int, fewest: int) -> Iterator[tuple[int, int]]:
-    """Patch counts and seeds to try, one after the other: the count asked for with three seeds, then fewer patches."""
-    if options.cuts is not None or count <= fewest:
-        yield count, options.seed
-        return
-    for i in range(_SEEDS):
-        yield count, options.seed + i
-    while count > fewest:
+def _choices(options: Options, count: int, fewest: int) -> Iterator[tuple[int, range]]:
+    """Patch counts and their seeds to try, one after the other: the count asked for with three seeds, then fewer patches."""
+    alone = options.cuts is not None or count <= fewest
+    yield count, range(options.seed, options.seed + (1 if alone else _SEEDS))
+    while count > fewest and not alone:
         count = max(fewest, count // 2)
-        yield count, options.seed
+        yield count, range(options.seed, options.seed + 1)
 
 
 def _map_with_retries(task: Task, failures: list[dict[str, Any]]) -> Finished:
     """Map the patches; where a weld fails or folds remain, try other weld orders, other seeds, and fewer patches.
 
-    What did not serve is added to ``failures``. The last tier of repair waits until some maps have been left with folds.
-    Raises WeldFailedError or SolveFailedError where nothing led to a map, CrowdedError where the disk has no room for it.
+    What did not serve is added to ``failures``: a map with many folds is a wrong one, even if they could all be repaired.
+    After two such maps fewer patches are tried; the last tier of repair waits until nothing else is left. Raises
+    WeldFailedError or SolveFailedError where nothing led to a map, CrowdedError where the disk has no room for it.
     """
     cuts = read_cuts(task.options.cuts) if task.options.cuts is not None else None
     fewest = 2 if task.target == "sphere" else 1
     best: Finished | None = None
-    folded = 0
     problem: WeldFailedError | SolveFailedError | None = None
-    for count, seed in _choices(task.options, task.options.patch_count(len(task.mesh.faces), fewest), fewest):
-        note: dict[str, Any] = {"patches": count, "seed": seed}
-        try:
-            flattened = _flatten(task, count, seed, cuts, len(failures))
-        except (WeldFailedError, SolveFailedError) as caught:
-            problem = caught
-            failures.append({**note, "weld_order": None, "reason": str(caught)})
-            continue
-        for order, plan in plans(flattened.split, closed=not task.topology.loops):
-            try:
-                done = _welded(task, flattened, plan, seed)
-            except (WeldFailedError, SolveFailedError) as caught:
-                problem, reason = caught, str(caught)
+    for count, seeds in _choices(task.options, task.options.patch_count(len(task.mesh.faces), fewest), fewest):
+        folded = 0
+        for seed, order, done in _maps(task, count, seeds, cuts, failures):
+            if not isinstance(done, Finished):
+                problem, reason = done, str(done)
+            elif done.is_good:
+                return done
             else:
-                if best is None or done.folds < best.folds:
-                    best = done
+                best = min(best or done, done, key=lambda d: (d.folds, d.repaired.folds_before))
                 folded += 1
-                if done.folds == 0 or folded == _MOST_FOLDED:
-                    return _embedded(task, best)
-                reason = f"{done.folds} folds are left"
-            failures.append({**note, "weld_order": order, "reason": reason})
+                reason = f"{done.repaired.folds_before} folds, {done.folds} of them left after repair"
+            failures.append({"patches": count, "seed": seed, "weld_order": order, "reason": reason})
+            if folded == _FOLDED_MAPS:
+                break
     if best is None:
         raise problem if problem is not None else WeldFailedError("no weld order was tried")
     return _embedded(task, best)
+
+
+def _maps(
+    task: Task, count: int, seeds: range, cuts: IntArray | None, failures: list[dict[str, Any]]
+) -> Iterator[tuple[int, float | None, Finished | WeldFailedError | SolveFailedError]]:
+    """Maps of so many patches, one after the other, or what went wrong: each with its seed and weld order."""
+    for seed in seeds:
+        try:
+            flattened = _flatten(task, count, seed, cuts, len(failures))
+        except (WeldFailedError, SolveFailedError) as problem:
+            yield seed, None, problem
+            continue
+        for order, plan in plans(flattened.split, closed=not task.topology.loops):
+            try:
+                yield seed, order, _welded(task, flattened, plan, seed)
+            except (WeldFailedError, SolveFailedError) as problem:
+                yield seed, order, problem
 
 
 def _overlap(z: ComplexArray, boundary: IntArray) -> dict[str, Any]:

@@ -31,6 +31,20 @@ class DirichletFactor(Protocol):
         """Values at all n vertices of the discrete harmonic function with the given boundary values (n_B,)."""
         ...
 
+    def solve(self, load: ComplexArray, boundary_values: ComplexArray) -> ComplexArray:
+        """Values (n,) with the given boundary values (n_B,) and, in the interior, the load: L_II u_I = r_I - L_IB u_B.
+
+        load (n,); what it holds on the boundary does not count.
+        """
+        ...
+
+    def reduce(self, load: ComplexArray) -> ComplexArray:
+        """Load (n_B,) on the boundary that does what a load (n,) does on the whole: S g = reduce(r) where L h = r, g = h_B.
+
+        It is r_B - L_BI L_II^{-1} r_I, the transpose of ``extend`` applied to r.
+        """
+        ...
+
     def release(self) -> None:
         """Free the factor's memory."""
         ...

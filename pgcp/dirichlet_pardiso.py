@@ -85,12 +85,32 @@ class PardisoFactor:
 
     def extend(self, boundary_values: ComplexArray) -> ComplexArray:
         """Discrete harmonic extension; see DirichletFactor."""
-        right = np.zeros((2, self._n))
+        return self._back(np.zeros((2, self._n)), boundary_values)
+
+    def solve(self, load: ComplexArray, boundary_values: ComplexArray) -> ComplexArray:
+        """Interior values under a load; see DirichletFactor."""
+        # phase 332, the diagonal, changes nothing but the boundary in Schur mode: 331 and 333 are the whole solve
+        return self._back(self._forward(load), boundary_values)
+
+    def reduce(self, load: ComplexArray) -> ComplexArray:
+        """Load on the boundary in place of a load on the whole; see DirichletFactor."""
+        partial = self._forward(load)[:, self._n - self._n_boundary :]
+        out: ComplexArray = partial[0] + 1j * partial[1]
+        return out
+
+    def _forward(self, load: ComplexArray) -> FloatArray:
+        """Forward elimination of a load (n,): two rows, real and imaginary part, in the factor's order."""
+        ordered = load[self._order]
+        right = np.ascontiguousarray(np.stack([ordered.real, ordered.imag]), np.float64)
+        partial = np.zeros_like(right)
+        self._call(331, right, partial)
+        return partial
+
+    def _back(self, right: FloatArray, boundary_values: ComplexArray) -> ComplexArray:
+        """Back-substitution into rows (2, n) that hold the interior's part; their boundary's part is overwritten."""
+        right[0, self._n - self._n_boundary :] = boundary_values.real
+        right[1, self._n - self._n_boundary :] = boundary_values.imag
         solution = np.zeros((2, self._n))
-        self._call(331, right, solution)
-        solution[0, self._n - self._n_boundary :] = boundary_values.real
-        solution[1, self._n - self._n_boundary :] = boundary_values.imag
-        right, solution = solution, np.zeros((2, self._n))
         self._call(333, right, solution)
         out = np.empty(self._n, np.complex128)
         out[self._order] = solution[0] + 1j * solution[1]

@@ -41,6 +41,19 @@ def _back_substitute(indptr: IntArray, indices: IntArray, data: FloatArray, firs
                 x[indices[p]] -= data[p] * value
 
 
+@numba.njit(cache=True)
+def _forward_substitute(indptr: IntArray, indices: IntArray, data: FloatArray, first_boundary: int, x: ComplexArray) -> None:
+    """Solve the transpose of ``_back_substitute`` in place: x[first_boundary:] becomes the load on the boundary."""
+    for column in range(x.shape[0]):
+        start, stop = indptr[column], indptr[column + 1]
+        value = x[column]
+        for p in range(start, stop):
+            row = indices[p]
+            if row < first_boundary and row != column:
+                value -= data[p] * x[row]
+        x[column] = value / data[stop - 1] if column < first_boundary else value
+
+
 class SuperLUFactor:
     """L = P^T (L U) P with the boundary last; only the rows of U are kept (U is D L^T, and a zero right-hand
     side is zero after forward elimination)."""
@@ -100,6 +113,27 @@ class SuperLUFactor:
         out = np.empty_like(x)
         out[self._order] = x
         return out
+
+    def solve(self, load: ComplexArray, boundary_values: ComplexArray) -> ComplexArray:
+        """Interior values under a load; see DirichletFactor."""
+        x = load[self._order].astype(np.complex128)
+        if self._first:
+            u = self._u
+            _forward_substitute(u.indptr, u.indices, u.data, self._first, x)
+            x[: self._first] *= u.data[u.indptr[1 : self._first + 1] - 1]
+        x[self._first :] = boundary_values
+        if self._first:
+            _back_substitute(u.indptr, u.indices, u.data, self._first, x)
+        out = np.empty_like(x)
+        out[self._order] = x
+        return out
+
+    def reduce(self, load: ComplexArray) -> ComplexArray:
+        """Load on the boundary in place of a load on the whole; see DirichletFactor."""
+        x = load[self._order].astype(np.complex128)
+        if self._first:
+            _forward_substitute(self._u.indptr, self._u.indices, self._u.data, self._first, x)
+        return x[self._first :]
 
     def release(self) -> None:
         """Drop the arrays."""

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 
 from pgcp.operators import face_areas
-from pgcp.types import FloatArray, Mesh, Positions
+from pgcp.types import ComplexArray, FloatArray, Mesh, Positions
 
 
 def as_points(positions: Positions) -> FloatArray:
@@ -46,6 +46,35 @@ def angle_errors(mesh: Mesh, positions: Positions) -> FloatArray:
     difference -= corner_angles(mesh.vertices, mesh.faces)
     np.abs(difference, out=difference)
     return np.degrees(difference, out=difference)
+
+
+@numba.njit(cache=True)
+def _conformal_energy(vertices: FloatArray, faces: np.ndarray, z: np.ndarray) -> float:
+    total = 0.0
+    for f in range(faces.shape[0]):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        ux, uy, uz = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2]
+        vx, vy, vz = vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1], vertices[c, 2] - vertices[a, 2]
+        square = ux * ux + uy * uy + uz * uz
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        double_area = np.sqrt(nx * nx + ny * ny + nz * nz)
+        if not double_area > 0.0:
+            continue
+        # chart corners 0, length, (dot + i double_area) / length; f_zbar = (f_x + i f_y) / 2
+        along, to_third = z[b] - z[a], z[c] - z[a]
+        dot = ux * vx + uy * vy + uz * vz
+        q = along * complex(double_area, -dot) + 1j * square * to_third
+        total += (q.real * q.real + q.imag * q.imag) / (square * double_area)
+    return 0.25 * total
+
+
+def conformal_energy(mesh: Mesh, z: ComplexArray) -> float:
+    """Conformal energy of a map z (V,) to the plane: Dirichlet energy less signed area, 2 int |f_zbar|^2 (CCEM eq. 2.4).
+
+    Equals 1/2 z^* L z less the area of the boundary's polygon, but is summed face by face from squares: never negative, and
+    small values keep their digits. Faces without area on the surface do not count.
+    """
+    return float(_conformal_energy(mesh.vertices, mesh.faces, z))
 
 
 def log_area_ratios(mesh: Mesh, positions: Positions) -> FloatArray:

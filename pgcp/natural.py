@@ -163,7 +163,8 @@ def _integrate(node_count: int, edges: IntArray, steps: ComplexArray) -> Complex
     nodes, parent, link, chords = _spanning_tree(node_count, edges, order, int(edges[order[0], 0]))
     cycles = _cycles(edges, nodes, parent, link, chords)
     weighted = cycles * size
-    extent = np.sqrt((weighted**2).sum(axis=1))
+    with np.errstate(over="ignore"):
+        extent = np.sqrt((weighted**2).sum(axis=1))
     weighted /= extent[:, None]
     share = np.linalg.lstsq(weighted @ weighted.T, -(cycles @ steps) / extent, rcond=None)[0]
     steps = steps + size * (weighted.T @ share)

@@ -154,11 +154,12 @@ def embedding_alone(here: Surroundings) -> Positions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Repaired:
-    """A map after its repair: positions, the faces (sorted) whose image changed, what each tier did, and the folds left."""
+    """A map after its repair: positions, the faces (sorted) whose image changed, what each tier did, folds before and after."""
 
     points: Positions
     touched: IntArray
     records: list[Repair]
+    folds_before: int
     folds: int
 
 
@@ -171,6 +172,7 @@ def repair_folds(here: Surroundings, points: Positions, methods: tuple[str, ...]
     faces = here.mesh.bare.faces
     start = points
     folded = find_folds(faces, points)
+    before = len(folded)
     records: list[Repair] = []
     for method in methods:
         if len(folded) == 0:
@@ -187,4 +189,4 @@ def repair_folds(here: Surroundings, points: Positions, methods: tuple[str, ...]
             records.append(Repair(method, len(folded), len(folded), 0))
     changed = (points != start).reshape(len(points), -1).any(axis=1)
     touched = np.flatnonzero(changed[faces].any(axis=1))
-    return Repaired(points, touched, records, len(folded))
+    return Repaired(points, touched, records, before, len(folded))
