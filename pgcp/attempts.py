@@ -1,94 +1,41 @@
-"""Map the patches of a mesh, and where that fails or leaves folds try again: other welds, another seed, fewer patches."""
+"""Map a mesh, and where that fails or leaves folds try again: other welds, exact seams, another seed, fewer patches."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from pgcp.assemble import collect, used_vertices
-from pgcp.clock import Clock
-from pgcp.constrain import constrain_to_disk, constrain_to_sphere, keep_free
+from pgcp.assemble import used_vertices
+from pgcp.by_interface import map_exactly
+from pgcp.by_welds import flatten, solve, weld
 from pgcp.correct import Correction, correct
 from pgcp.curves import crossings
 from pgcp.errors import NumericalError, SolveFailedError, WeldFailedError
-from pgcp.executors import Executor
 from pgcp.io import read_cuts
-from pgcp.options import Options
 from pgcp.repair import Repaired, Surroundings, embedding_alone, repair_folds
-from pgcp.split import Split, cut_patch, plans, split_mesh
-from pgcp.store import PatchStore
-from pgcp.tasks import Job, SolveReport, flatten_task, relax_task, solve_task, weld_closed_task, weld_task
-from pgcp.topology import Topology
-from pgcp.types import (
-    BoundaryCurve,
-    ComplexArray,
-    Component,
-    IntArray,
-    Mesh,
-    Patch,
-    PatchMap,
-    Positions,
-    SeamPositions,
-    WeldPlan,
-)
-from pgcp.weld import start_component
+from pgcp.run import Mapped, Parts, Run, store_parts
+from pgcp.split import plans
+from pgcp.types import ComplexArray, IntArray, Positions, SeamPositions
 
 _SEEDS = 3
-_CONSTRAIN = {"free": keep_free, "disk": constrain_to_disk, "sphere": constrain_to_sphere}
 _CORRECTION = {"free": "none", "disk": "auto", "sphere": "auto"}
 _LISTED = 10
 _FOLDED_MAPS = 2
 _FEW_FOLDS = 50
 _FEW_FRACTION = 0.005
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Task:
-    """One mesh to be mapped, and all that is known of it."""
-
-    mesh: Mesh
-    topology: Topology
-    target: str
-    mollification: float
-    options: Options
-    job: Job
-    executor: Executor
-    clock: Clock
-
-    @property
-    def boundary(self) -> IntArray:
-        """The outer boundary, none where the surface is closed."""
-        return self.topology.loops[0] if self.topology.loops else np.empty(0, np.int64)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Flattened:
-    """The patches of one split, each flattened."""
-
-    split: Split
-    patches: list[Patch]
-    curves: list[BoundaryCurve]
-    job: Job
+_Attempt = tuple[int, str | float, Mapped | WeldFailedError | SolveFailedError]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Finished:
-    """One finished map, and what was done on the way; mu (F,) is that of the solved patches."""
+    """One map after its correction and repair."""
 
-    flattened: Flattened
-    union: Component
-    welds: list[dict[str, int]]
-    solved: list[SolveReport]
-    seams: SeamPositions
-    mu: ComplexArray
+    mapped: Mapped
     repaired: Repaired
-    correction: Correction | None
-    seed: int
-    target: str
+    correction: Correction | None = None
 
     @property
     def points(self) -> Positions:
@@ -101,185 +48,150 @@ class Finished:
         return self.repaired.folds
 
     @property
+    def few(self) -> float:
+        """How many folds are few: with more the map is a wrong one."""
+        return max(_FEW_FOLDS, _FEW_FRACTION * len(self.mapped.mu))
+
+    @property
     def is_good(self) -> bool:
         """Whether no folds are left, and there never were more than a few."""
-        return self.folds == 0 and self.repaired.folds_before <= max(_FEW_FOLDS, _FEW_FRACTION * len(self.mu))
+        return self.folds == 0 and self.repaired.folds_before <= self.few
 
     @property
     def changed_faces(self) -> IntArray:
         """Faces whose image has changed since the patches were solved."""
         moved = self.correction is not None and self.correction.share
-        return np.arange(len(self.mu)) if moved else self.repaired.touched
+        return np.arange(len(self.mapped.mu)) if moved else self.repaired.touched
 
 
-def _flatten(task: Task, count: int, seed: int, cuts: IntArray | None, number: int) -> Flattened:
-    """Split the mesh, store its patches and flatten them."""
-    clock, options = task.clock, task.options
-    job = replace(task.job, run=f"{task.job.run}-{number}", directory=task.job.directory / str(number))
-    job.directory.mkdir()
-    with clock.stage("split"):
-        split = split_mesh(task.mesh, task.topology, count, seed, cuts, options.repair_cuts, task.mollification)
-    store = PatchStore(job.directory)
-    patches = []
-    with clock.stage("store"):
-        for index in range(split.patch_count):
-            patch = cut_patch(task.mesh, split, index)
-            store.write_patch(patch)
-            patches.append(patch)
-    with clock.stage("flatten"):
-        curves = task.executor.map("flatten", partial(flatten_task, job), range(split.patch_count))
-    return Flattened(split, patches, curves, job)
-
-
-def _weld_all(
-    executor: Executor, mesh: Mesh, split: Split, plan: WeldPlan, curves: list[BoundaryCurve]
-) -> tuple[Component, list[dict[str, int]]]:
-    components = {c.patch: start_component(c, mesh.vertices, split.edges) for c in curves}
-    notes: list[dict[str, int]] = []
-    if split.patch_count == 1:
-        (union,) = executor.map("weld", relax_task, list(components.values()))
-        return union, notes
-    for number, level in enumerate(plan.levels, 1):
-        pairs = [(components.pop(step.left), components.pop(step.right)) for step in level]
-        task = weld_closed_task if level[0].closed else weld_task
-        for step, union in zip(level, executor.map(f"weld {number}", task, pairs), strict=True):
-            components[step.result] = union
-            notes.append({"left": step.left, "right": step.right, "level": step.level, "seam_edges": step.seam_edge_count})
-    (union,) = components.values()
-    return union, notes
-
-
-def _welded(task: Task, flattened: Flattened, plan: WeldPlan, seed: int) -> Finished:
-    """Weld flattened patches by a plan, and finish the map."""
-    with task.clock.stage("weld"):
-        union, welds = _weld_all(task.executor, task.mesh, flattened.split, plan, flattened.curves)
-    return _finish(task, flattened, union, welds, seed, task.target)
-
-
-def _spread_out(seams: SeamPositions, vertex_count: int) -> Positions:
-    """Positions of all seam and boundary vertices in an array over all vertices, complex (V,) or (V, 3)."""
-    out = np.zeros((vertex_count, *seams.points.shape[1:]), seams.points.dtype)
-    out[seams.vertex_ids] = seams.points
-    return out
-
-
-def _solve(
-    task: Task, flattened: Flattened, union: Component, target: str
-) -> tuple[SeamPositions, list[SolveReport], Positions, ComplexArray]:
-    """Constrain a union to the target, solve all patches, and put them together."""
-    clock, patches = task.clock, flattened.patches
-    with clock.stage("constrain"):
-        seams = _CONSTRAIN[target](union)
-        positions = _spread_out(seams, len(task.mesh.vertices))
-    with clock.stage("solve"):
-        items = [(p.index, positions[p.vertex_ids[p.boundary]]) for p in patches]
-        solved = task.executor.map("solve", partial(solve_task, flattened.job), items)
-    with clock.stage("assemble"):
-        store = PatchStore(flattened.job.directory)
-        maps = (PatchMap(s.patch, *store.read_map(s.patch), s.fold_count, s.mu_max) for s in solved)
-        points, mu = collect(task.mesh, zip(patches, maps, strict=True), target)
-    return seams, solved, points, mu
-
-
-def _corrected(task: Task, points: Positions, target: str) -> tuple[Positions, Correction | None]:
+def _corrected(run: Run, points: Positions, target: str) -> tuple[Positions, Correction | None]:
     """The Moebius correction asked for; a vertex at the centre of the disk leaves none."""
-    options = task.options
+    options = run.options
     method = _CORRECTION[target] if options.moebius == "auto" else options.moebius
     if method == "none" or (target == "disk" and options.centre is not None):
         return points, None
-    bare = task.mesh.bare
-    return correct(bare, points, target, method, task.boundary, np.flatnonzero(used_vertices(bare)))
+    bare = run.mesh.bare
+    return correct(bare, points, target, method, run.boundary, np.flatnonzero(used_vertices(bare)))
 
 
-def _surroundings(task: Task, target: str) -> Surroundings:
-    return Surroundings(task.mesh, target, task.boundary, task.mollification, task.job.backend)
+def _surroundings(run: Run, target: str) -> Surroundings:
+    return Surroundings(run.mesh, target, run.boundary, run.mollification, run.job.backend)
 
 
-def _finish(
-    task: Task, flattened: Flattened, union: Component, welds: list[dict[str, int]], seed: int, target: str
-) -> Finished:
-    """Solve a welded union, correct the map and repair its folds, but for the last tier: another weld may do better.
+def _finish(run: Run, mapped: Mapped) -> Finished:
+    """Correct a map and repair its folds, but for the last tier: another weld may do better.
 
     A correction that leaves folds is taken back.
     """
-    seams, solved, solved_points, mu = _solve(task, flattened, union, target)
-    with task.clock.stage("correct"):
-        points, correction = _corrected(task, solved_points, target)
-    here, methods = _surroundings(task, target), task.options.repairs
-    local = tuple(m for m in methods if m != "embed")
-    with task.clock.stage("repair"):
+    with run.clock.stage("correct"):
+        points, correction = _corrected(run, mapped.points, mapped.target)
+    here = _surroundings(run, mapped.target)
+    local = tuple(m for m in run.options.repairs if m != "embed")
+    with run.clock.stage("repair"):
         repaired = repair_folds(here, points, local)
         if repaired.folds and correction is not None and correction.share:
-            repaired = repair_folds(here, solved_points, local)
+            repaired = repair_folds(here, mapped.points, local)
             correction = correction.undone()
-    return Finished(flattened, union, welds, solved, seams, mu, repaired, correction, seed, target)
+    return Finished(mapped, repaired, correction)
 
 
-def _embedded(task: Task, done: Finished) -> Finished:
+def _embedded(run: Run, done: Finished) -> Finished:
     """Apply the last tier of repair, where it is wanted and needed."""
-    if done.folds == 0 or "embed" not in task.options.repairs:
+    if done.folds == 0 or "embed" not in run.options.repairs:
         return done
-    with task.clock.stage("embed"):
-        last = repair_folds(_surroundings(task, done.target), done.repaired.points, ("embed",))
+    with run.clock.stage("embed"):
+        last = repair_folds(_surroundings(run, done.mapped.target), done.points, ("embed",))
     touched = np.union1d(done.repaired.touched, last.touched)
     records = done.repaired.records + last.records
     return replace(done, repaired=replace(last, touched=touched, records=records, folds_before=done.repaired.folds_before))
 
 
-def _choices(options: Options, count: int, fewest: int) -> Iterator[tuple[int, range]]:
+def _choices(run: Run) -> Iterator[tuple[int, range]]:
     """Patch counts and their seeds to try, one after the other: the count asked for with three seeds, then fewer patches."""
-    alone = options.cuts is not None or count <= fewest
+    options, fewest = run.options, run.fewest_patches
+    count = max(fewest, options.patch_count(len(run.mesh.faces), fewest))
+    alone = options.cuts is not None or count <= fewest or options.seams == "exact"
     yield count, range(options.seed, options.seed + (1 if alone else _SEEDS))
     while count > fewest and not alone:
         count = max(fewest, count // 2)
         yield count, range(options.seed, options.seed + 1)
 
 
-def _map_with_retries(task: Task, failures: list[dict[str, Any]]) -> Finished:
-    """Map the patches; where a weld fails or folds remain, try other weld orders, other seeds, and fewer patches.
+def _maps(run: Run, count: int, seeds: range, cuts: IntArray | None, failures: list[dict[str, Any]]) -> Iterator[_Attempt]:
+    """Maps of so many patches, one after the other, or what went wrong: each with its seed and route.
+
+    Routes are welds in several orders; and once, after the first or, where that is asked for, before, the seams solved exactly.
+    """
+    for seed in seeds:
+        exact_is_new = all(failure["route"] != "exact" for failure in failures)
+        if _are_enough(failures, count) and not exact_is_new:
+            return
+        parts = store_parts(run, count, seed, cuts, f"{count}-{seed}")
+        if run.exact_first:
+            yield _exact_map(run, parts)
+        yield from _welded_maps(run, parts, failures)
+        if exact_is_new and not run.exact_first:
+            yield _exact_map(run, replace(parts, job=replace(parts.job, run=f"{parts.job.run}-exact")))
+
+
+def _are_enough(failures: list[dict[str, Any]], count: int) -> bool:
+    """Whether enough maps of so many patches had folds."""
+    return sum(f["patches"] == count and f["folds"] is not None for f in failures) >= _FOLDED_MAPS
+
+
+def _exact_map(run: Run, parts: Parts) -> _Attempt:
+    try:
+        return parts.seed, "exact", map_exactly(run, parts, run.target)
+    except (WeldFailedError, SolveFailedError) as problem:
+        return parts.seed, "exact", problem
+
+
+def _welded_maps(run: Run, parts: Parts, failures: list[dict[str, Any]]) -> Iterator[_Attempt]:
+    """Welds in several orders, until enough maps of so many patches had folds."""
+    if _are_enough(failures, parts.split.patch_count):
+        return
+    try:
+        curves = flatten(run, parts)
+    except (WeldFailedError, SolveFailedError) as problem:
+        yield parts.seed, "flatten", problem
+        return
+    pieces = [c.pieces for c in curves]
+    for order, plan in plans(parts.split, closed=not run.topology.loops):
+        if _are_enough(failures, parts.split.patch_count):
+            return
+        try:
+            union, welds = weld(run, parts, curves, plan)
+            yield parts.seed, order, solve(run, parts, pieces, plan, union, welds, run.target)
+        except (WeldFailedError, SolveFailedError) as problem:
+            yield parts.seed, order, problem
+
+
+def _map_with_retries(run: Run, failures: list[dict[str, Any]]) -> Finished:
+    """Map the patches; where that fails or leaves folds, try other weld orders, exact seams, other seeds, and fewer patches.
 
     What did not serve is added to ``failures``: a map with many folds is a wrong one, even if they could all be repaired.
     After two such maps fewer patches are tried; the last tier of repair waits until nothing else is left. Raises
     WeldFailedError or SolveFailedError where nothing led to a map, CrowdedError where the disk has no room for it.
     """
-    cuts = read_cuts(task.options.cuts) if task.options.cuts is not None else None
-    fewest = 2 if task.target == "sphere" else 1
+    cuts = read_cuts(run.options.cuts) if run.options.cuts is not None else None
     best: Finished | None = None
     problem: WeldFailedError | SolveFailedError | None = None
-    for count, seeds in _choices(task.options, task.options.patch_count(len(task.mesh.faces), fewest), fewest):
-        folded = 0
-        for seed, order, done in _maps(task, count, seeds, cuts, failures):
-            if not isinstance(done, Finished):
-                problem, reason = done, str(done)
-            elif done.is_good:
-                return done
+    for count, seeds in _choices(run):
+        for seed, route, mapped in _maps(run, count, seeds, cuts, failures):
+            folds = None
+            if not isinstance(mapped, Mapped):
+                problem, reason = mapped, str(mapped)
             else:
+                done = _finish(run, mapped)
+                if done.is_good or (done.folds == 0 and run.options.seams == "exact"):
+                    return done
                 best = min(best or done, done, key=lambda d: (d.folds, d.repaired.folds_before))
-                folded += 1
-                reason = f"{done.repaired.folds_before} folds, {done.folds} of them left after repair"
-            failures.append({"patches": count, "seed": seed, "weld_order": order, "reason": reason})
-            if folded == _FOLDED_MAPS:
-                break
-    if best is None:
-        raise problem if problem is not None else WeldFailedError("no weld order was tried")
-    return _embedded(task, best)
-
-
-def _maps(
-    task: Task, count: int, seeds: range, cuts: IntArray | None, failures: list[dict[str, Any]]
-) -> Iterator[tuple[int, float | None, Finished | WeldFailedError | SolveFailedError]]:
-    """Maps of so many patches, one after the other, or what went wrong: each with its seed and weld order."""
-    for seed in seeds:
-        try:
-            flattened = _flatten(task, count, seed, cuts, len(failures))
-        except (WeldFailedError, SolveFailedError) as problem:
-            yield seed, None, problem
-            continue
-        for order, plan in plans(flattened.split, closed=not task.topology.loops):
-            try:
-                yield seed, order, _welded(task, flattened, plan, seed)
-            except (WeldFailedError, SolveFailedError) as problem:
-                yield seed, order, problem
+                folds = done.folds
+                reason = f"{done.repaired.folds_before} folds, {folds} of them left after repair"
+            failures.append({"patches": count, "seed": seed, "route": route, "folds": folds, "reason": reason})
+    if best is None or (best.folds > best.few and run.target != "free" and "embed" in run.options.repairs):
+        raise problem if problem is not None else WeldFailedError(f"every map had folds, {best.folds if best else 0} and more")
+    return _embedded(run, best)
 
 
 def _overlap(z: ComplexArray, boundary: IntArray) -> dict[str, Any]:
@@ -300,31 +212,33 @@ class Outcome:
     fallback: dict[str, str] | None = None
 
 
-def _alone(task: Task, target: str) -> Finished:
+def _alone(run: Run, target: str) -> Finished:
     """The whole mesh embedded at once, without welds: free of folds, but hardly conformal."""
-    here = _surroundings(task, target)
-    everything = np.arange(len(task.mesh.faces))
-    with task.clock.stage("embed"):
-        repaired = repair_folds(here, embedding_alone(here), task.options.repairs[:-1])
-    split = split_mesh(task.mesh, task.topology, 2 if target == "sphere" else 1, mollification=task.mollification)
-    patches = [cut_patch(task.mesh, split, index) for index in range(split.patch_count)]
-    none, z = np.empty(0, np.int64), np.empty(0, np.complex128)
-    nowhere = Component(none, z, none, none.reshape(0, 2), np.empty(0), 0)
-    return Finished(
-        Flattened(split, patches, [], task.job),
-        nowhere,
-        [],
-        [],
-        SeamPositions(none, repaired.points[none]),
-        np.zeros(len(everything), np.complex128),
-        replace(repaired, touched=everything),
-        None,
-        task.options.seed,
-        target,
-    )
+    here = _surroundings(run, target)
+    everything = np.arange(len(run.mesh.faces))
+    with run.clock.stage("embed"):
+        repaired = repair_folds(here, embedding_alone(here), run.options.repairs[:-1])
+    parts = store_parts(run, run.fewest_patches, run.options.seed, None, "whole")
+    none = np.empty(0, np.int64)
+    nowhere = SeamPositions(none, repaired.points[none])
+    mapped = Mapped(parts, target, [], [], nowhere, repaired.points, np.zeros(len(everything), np.complex128))
+    return Finished(mapped, replace(repaired, touched=everything))
 
 
-def map_mesh(task: Task) -> Outcome:
+def _to_disk(run: Run, mapped: Mapped) -> Mapped:
+    """From a map with a free boundary the map to the disk: from the same welds, or else from the first that succeed."""
+    if mapped.union is not None and mapped.plan is not None:
+        return solve(run, mapped.parts, mapped.pieces, mapped.plan, mapped.union, mapped.welds, "disk")
+    parts = replace(mapped.parts, job=replace(mapped.parts.job, run=f"{mapped.parts.job.run}-disk"))
+    problem: Exception | None = None
+    for _, _, found in _welded_maps(replace(run, target="disk"), parts, []):
+        if isinstance(found, Mapped):
+            return found
+        problem = found
+    raise WeldFailedError(str(problem))
+
+
+def map_mesh(run: Run) -> Outcome:
     """Map a mesh to its target.
 
     A free map that is left with folds, or with overlaps where none are wanted, gives way to the map to the disk from the
@@ -333,26 +247,26 @@ def map_mesh(task: Task) -> Outcome:
     """
     failures: list[dict[str, Any]] = []
     try:
-        done = _map_with_retries(task, failures)
+        done = _map_with_retries(run, failures)
     except (WeldFailedError, SolveFailedError) as problem:
-        if "embed" not in task.options.repairs:
+        if "embed" not in run.options.repairs:
             raise
-        done = _alone(task, "sphere" if task.target == "sphere" else "disk")
-        return Outcome(done, failures, None, {"from": task.target, "to": f"{done.target} (embedding)", "reason": str(problem)})
-    if task.target != "free":
+        done = _alone(run, "sphere" if run.target == "sphere" else "disk")
+        to = f"{done.mapped.target} (embedding)"
+        return Outcome(done, failures, None, {"from": run.target, "to": to, "reason": str(problem)})
+    if run.target != "free":
         return Outcome(done, failures)
-    overlap = _overlap(done.points, task.boundary)
-    unwanted = task.options.no_overlap and overlap["crossings"] > 0
-    if not unwanted and not (done.folds and "embed" in task.options.repairs):
+    overlap = _overlap(done.points, run.boundary)
+    unwanted = run.options.no_overlap and overlap["crossings"] > 0
+    if not unwanted and not (done.folds and "embed" in run.options.repairs):
         return Outcome(done, failures, overlap)
     reason = f"the boundary crosses itself {overlap['crossings']} times" if unwanted else f"{done.folds} folds are left"
     try:
-        disk = _finish(task, done.flattened, done.union, done.welds, done.seed, "disk")
+        disk = _embedded(run, _finish(run, _to_disk(run, done.mapped)))
     except NumericalError:
         if unwanted:
             raise
         return Outcome(done, failures, overlap)
-    disk = _embedded(task, disk)
     if disk.folds >= done.folds > 0 and not unwanted:
         return Outcome(done, failures, overlap)
     return Outcome(disk, failures, None, {"from": "free", "to": "disk", "reason": reason})

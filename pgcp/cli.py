@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from pgcp.errors import InputError, NumericalError
-from pgcp.options import FLATTENERS, MOEBIUS, REPAIRS, TARGETS, Options
+from pgcp.options import FLATTENERS, MOEBIUS, REPAIRS, SEAMS, TARGETS, Options
 from pgcp.types import Mesh, Parameterization
 
 GOOD, BUG, BAD_INPUT, NUMERICAL = 0, 1, 2, 3
@@ -61,6 +61,9 @@ def build_parser() -> argparse.ArgumentParser:
         "--fix", action="store_true", help="repair the topology of a mesh that would be refused: cut, split, weld, fill holes"
     )
     parser.add_argument("--flatten", choices=FLATTENERS, default="dncp", help="how patches are flattened (default dncp)")
+    parser.add_argument(
+        "--seams", choices=SEAMS, default="weld", help="weld; solve them exactly inside the welded boundary; exact, no weld"
+    )
     parser.add_argument("--backend", default="auto", help="sparse factorization: auto, pardiso or superlu")
     parser.add_argument("--seed", type=int, default=0, help="seed of the partition (default 0)")
     parser.add_argument(
@@ -262,6 +265,7 @@ def _options(arguments: argparse.Namespace) -> Options:
         cuts=arguments.cuts,
         repair_cuts=arguments.repair_cuts,
         flatten=arguments.flatten,
+        seams=arguments.seams,
         backend=arguments.backend,
         seed=arguments.seed,
         store=arguments.store,

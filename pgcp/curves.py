@@ -40,10 +40,10 @@ def _side(ax: float, ay: float, bx: float, by: float, px: float, py: float) -> i
 
 
 @numba.njit(cache=True)
-def _meeting_edges(x: FloatArray, y: FloatArray, boxes: FloatArray, leaves: int, only_sure: bool) -> IntArray:
+def _meeting_edges(x: FloatArray, y: FloatArray, boxes: FloatArray, leaves: int, until_sure: bool) -> IntArray:
     """Pairs (n, 3) of edges that are no neighbours and cross (third column 1) or may touch (0).
 
-    With ``only_sure`` the search ends at the first crossing, and mere touches are left out.
+    With ``until_sure`` the search ends at the first crossing, the last pair found.
     """
     n = x.shape[0]
     count, found = 0, np.empty((_LEAF_PAIRS, 3), np.int64)
@@ -82,28 +82,21 @@ def _meeting_edges(x: FloatArray, y: FloatArray, boxes: FloatArray, leaves: int,
         if one * two > 0 or three * four > 0:
             continue
         sure = one * two < 0 and three * four < 0
-        if only_sure and not sure:
-            continue
         if count == found.shape[0]:
             more = np.empty((2 * count, 3), np.int64)
             more[:count] = found
             found = more
         found[count, 0], found[count, 1], found[count, 2] = min(i, j), max(i, j), 1 if sure else 0
         count += 1
-        if only_sure:
+        if until_sure and sure:
             break
     return found[:count]
 
 
-def _search(z: ComplexArray, only_sure: bool) -> IntArray:
+def _search(z: ComplexArray, until_sure: bool) -> IntArray:
     x, y = np.ascontiguousarray(z.real), np.ascontiguousarray(z.imag)
     leaves = 1 << max(1, int(len(z) - 1).bit_length())
-    return _meeting_edges(x, y, _boxes(x, y, leaves), leaves, only_sure)
-
-
-def crosses_itself(z: ComplexArray) -> bool:
-    """Whether the closed polygon z (n,) has two edges that cross properly."""
-    return len(z) > 3 and len(_search(z, True)) > 0
+    return _meeting_edges(x, y, _boxes(x, y, leaves), leaves, until_sure)
 
 
 def _exact_side(a: complex, b: complex, p: complex) -> int:
@@ -128,6 +121,19 @@ def _meet(a: complex, b: complex, c: complex, d: complex) -> bool:
     )
 
 
+def _edges_meet(z: ComplexArray, i: int, j: int) -> bool:
+    after = z[(i + 1) % len(z)], z[(j + 1) % len(z)]
+    return _meet(complex(z[i]), complex(after[0]), complex(z[j]), complex(after[1]))
+
+
+def crosses_itself(z: ComplexArray) -> bool:
+    """Whether the closed polygon z (n,) has two edges, no neighbours, that cross or touch; decided exactly."""
+    found = _search(z, True) if len(z) > 3 else np.empty((0, 3), np.int64)
+    if len(found) and found[-1, 2]:
+        return True
+    return any(_edges_meet(z, i, j) for i, j, _ in found.tolist())
+
+
 def crossings(z: ComplexArray) -> IntArray:
     """Pairs (n, 2) of edges, by the number of their first point, at which the closed polygon z (B,) meets itself.
 
@@ -137,14 +143,13 @@ def crossings(z: ComplexArray) -> IntArray:
     """
     n = len(z)
     found = _search(z, False) if n > 3 else np.empty((0, 3), np.int64)
-    points = [complex(w) for w in z]
-    pairs = [
-        (i, j) for i, j, sure in found.tolist() if sure or _meet(points[i], points[(i + 1) % n], points[j], points[(j + 1) % n])
-    ]
+    pairs = [(i, j) for i, j, sure in found.tolist() if sure or _edges_meet(z, i, j)]
     step = np.roll(z, -1) - z
     turn = step * np.conj(np.roll(step, 1))
     back = np.flatnonzero((turn.real < 0) & (np.abs(turn.imag) <= _ROUNDING * np.abs(turn.real)))
     pairs += [
-        (int(i) - 1 if i else n - 1, int(i)) for i in back if _exact_side(points[i - 1], points[i], points[(i + 1) % n]) == 0
+        (int(i) - 1 if i else n - 1, int(i))
+        for i in back
+        if _exact_side(complex(z[i - 1]), complex(z[i]), complex(z[(i + 1) % n])) == 0
     ]
     return np.array(sorted(pairs), np.int64).reshape(-1, 2)

@@ -24,8 +24,15 @@ BACKENDS = ("pardiso", "superlu")
 class DirichletFactor(Protocol):
     """A Laplacian with its interior eliminated."""
 
-    schur: FloatArray
-    nbytes: int
+    @property
+    def schur(self) -> FloatArray:
+        """Schur complement (n_B, n_B)."""
+        ...
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes it holds."""
+        ...
 
     def extend(self, boundary_values: ComplexArray) -> ComplexArray:
         """Values at all n vertices of the discrete harmonic function with the given boundary values (n_B,)."""

@@ -11,6 +11,7 @@ TARGETS = ("auto", "free", "disk", "sphere")
 MOEBIUS = ("auto", "none", "area", "angle")
 REPAIRS = ("relax", "compose", "average", "untangle", "embed")
 FLATTENERS = ("dncp", "scp")
+SEAMS = ("weld", "relax", "exact")
 DEFAULT_PATCHES = 6
 _FEWEST_FACES = 100
 
@@ -24,10 +25,10 @@ class Options:
     the centre of the disk or the north pole of the sphere; moebius: correction of the finished map, none, least area
     distortion, least angle error (disk), or auto for what serves the target;
     scheduler or scheduler_file: a running dask cluster; cuts: a file of cut edges; repair_cuts: mend parts that are
-    no disks; flatten: dncp or scp; backend: auto, pardiso or superlu; seed: of the partition; store: directory shared
-    with the workers; repairs: which tiers may take folds away, in this order; no_overlap: where a free map overlaps itself, map
-    to the disk instead; factor_cache_bytes: what factors one process may keep between the passes; fix: repair the topology
-    of a mesh that the target does not fit.
+    no disks; flatten: dncp or scp; seams: weld, relax (welded boundary held, seams solved) or exact (no weld); backend: auto,
+    pardiso or superlu; seed: of the partition; store: directory shared with the workers; repairs: which tiers may take folds
+    away, in this order; no_overlap: where a free map overlaps itself, map to the disk instead; factor_cache_bytes: what
+    factors one process may keep between the passes; fix: repair the topology of a mesh that the target does not fit.
     """
 
     patches: int | None = None
@@ -40,6 +41,7 @@ class Options:
     cuts: Path | None = None
     repair_cuts: bool = False
     flatten: str = "dncp"
+    seams: str = "weld"
     backend: str = "auto"
     seed: int = 0
     store: Path | None = None
@@ -63,6 +65,8 @@ class Options:
             raise InputError(f"centre is vertex {self.centre}, it must be 0 or more")
         if self.flatten not in FLATTENERS:
             raise InputError(f"unknown flattening {self.flatten!r}; choose from {', '.join(FLATTENERS)}")
+        if self.seams not in SEAMS:
+            raise InputError(f"unknown treatment of seams {self.seams!r}; choose from {', '.join(SEAMS)}")
         if self.scheduler is not None and self.scheduler_file is not None:
             raise InputError("give a scheduler address or a scheduler file, not both")
         unknown = [name for name in self.repairs if name not in REPAIRS]

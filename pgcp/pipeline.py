@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 
 from pgcp.assemble import placed
-from pgcp.attempts import Finished, Task, map_mesh
+from pgcp.attempts import map_mesh
 from pgcp.beltrami import covering_degree, find_folds, map_coefficients
 from pgcp.check import check_centre, check_mended, check_mesh, fitting_target, unit_mesh
-from pgcp.clock import Clock
 from pgcp.dirichlet import choose_backend
 from pgcp.errors import FoldError, InputError
 from pgcp.executors import DaskExecutor, Progress, SerialExecutor, silent
@@ -25,9 +24,14 @@ from pgcp.mend import Mended, mend, unmended
 from pgcp.operators import needed_mollification
 from pgcp.options import Options
 from pgcp.quality import measure_quality
+from pgcp.run import Clock, Mapped, Run
 from pgcp.tasks import Job
 from pgcp.types import Mesh, Parameterization
 
+_NO_BOUNDARY_TO_HOLD = (
+    "seams cannot be relaxed on a sphere: a closed surface has no boundary to hold, and harmonic maps of all of it collapse; "
+    "choose --seams weld or --seams exact"
+)
 _PACKAGES = ("pgcp", "numpy", "scipy", "numba", "networkx", "dask", "distributed", "pymetis", "mkl")
 
 
@@ -107,7 +111,7 @@ def _renumbered(options: Options, mended: Mended) -> Options:
 def compute(source: Any, options: Options, progress: Progress = silent) -> Parameterization:
     """As ``parameterize``, but a map with folds is returned like any other: its quality says so."""
     clock = Clock()
-    run = uuid.uuid4().hex[:12]
+    name = uuid.uuid4().hex[:12]
     backend = choose_backend(options.backend)
     with clock.stage("read"):
         mesh = as_mesh(source)
@@ -115,29 +119,32 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         mended = mend(mesh, options.target) if options.fix else unmended(mesh)
         topology = check_mended(mended, options.target) if options.fix else check_mesh(mesh, options.target)
         target = fitting_target(mesh.name, topology, options.target)
+        if options.seams == "relax" and target == "sphere":
+            raise InputError(_NO_BOUNDARY_TO_HOLD)
         check_centre(mesh, options.centre, options.moebius, target)
         asked, options = options, _renumbered(options, mended)
         mesh, unit = unit_mesh(mended.mesh)
         mollification = needed_mollification(mesh.vertices, mesh.faces)
     with (
         scratch_directory(options.store) as directory,
-        _executor(options, run, progress) as executor,
+        _executor(options, name, progress) as executor,
     ):
         clock.executor = executor
-        job = Job(run, directory, options.flatten, backend, options.factor_cache_bytes)
-        task = Task(mesh, topology, target, mollification, options, job, executor, clock)
-        outcome = map_mesh(task)
-        done, target = outcome.done, outcome.done.target
+        job = Job(name, directory, options.flatten, backend, options.factor_cache_bytes, options.seams == "relax")
+        run = Run(mesh, topology, target, mollification, options, job, executor, clock)
+        outcome = map_mesh(run)
+        done, mapped = outcome.done, outcome.done.mapped
+        target = mapped.target
         with clock.stage("place"):
             whole, mesh = mesh, mesh.bare
-            coordinates = placed(mesh, done.points, target, task.boundary, options.centre)
+            coordinates = placed(mesh, done.points, target, run.boundary, options.centre)
             changed = done.changed_faces if options.centre is None else np.arange(len(mesh.faces))
             changed = changed[changed < len(mesh.faces)]
-            done.mu[changed] = map_coefficients(mesh, mesh.faces[changed], coordinates)
+            mapped.mu[changed] = map_coefficients(mesh, mesh.faces[changed], coordinates)
         description = executor.describe()
     clock.executor = SerialExecutor()
     with clock.stage("measure"):
-        mu, patch = done.mu[: len(mesh.faces)], done.flattened.split.labels[: len(mesh.faces)]
+        mu, patch = mapped.mu[: len(mesh.faces)], mapped.parts.split.labels[: len(mesh.faces)]
         quality = measure_quality(mesh, coordinates, mu)
         if target == "sphere" and whole.filler:
             quality = replace(quality, degree=covering_degree(whole.faces, coordinates))
@@ -147,19 +154,21 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         "mesh": {"name": mesh.name, "vertices": len(mesh.vertices), "faces": len(mesh.faces)},
         "versions": _versions(),
         "options": _plain(asked),
-        "seed": done.seed,
+        "seed": mapped.parts.seed,
         "backend": backend,
         "threads": description["threads_per_worker"],
         "executor": description,
         "stages": clock.stages,
-        "patches": _patch_rows(done),
-        "welds": done.welds,
+        "patches": _patch_rows(mapped),
+        "welds": list(mapped.welds),
         "retries": outcome.failures,
         "mollification": mollification * unit,
-        "boundary_points": int(done.flattened.split.edges.parts.sum()),
+        "seams": mapped.seams_by,
+        "interface": mapped.interface,
+        "boundary_points": int(mapped.parts.split.edges.parts.sum()),
         "target": target,
-        "smallest_gap": done.seams.smallest_gap,
-        "spread_points": done.seams.spread_count,
+        "smallest_gap": mapped.seams.smallest_gap,
+        "spread_points": mapped.seams.spread_count,
         "correction": asdict(done.correction) if done.correction is not None else None,
         "repairs": [asdict(repair) for repair in done.repaired.records],
         "overlap": outcome.overlap,
@@ -172,16 +181,15 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
     return Parameterization(mended.mesh.bare, coordinates, patch, mu, quality, target, report, *lines_up)
 
 
-def _patch_rows(done: Finished) -> list[dict[str, Any]]:
+def _patch_rows(mapped: Mapped) -> list[dict[str, Any]]:
     """What the report says of every patch; of an embedding as a whole, which solves no patch, only what they are."""
-    parts = done.flattened
     rows: list[dict[str, Any]] = [
         {"index": p.index, "vertices": len(p.vertex_ids), "faces": len(p.face_ids), "boundary": len(p.boundary)}
-        for p in parts.patches
+        for p in mapped.parts.patches
     ]
-    for row, curve, solved in zip(rows, parts.curves, done.solved, strict=False):
+    for row, pieces, solved in zip(rows, mapped.pieces, mapped.solved, strict=False):
         row |= {
-            "pieces": curve.pieces,
+            "pieces": pieces,
             "folds": solved.fold_count,
             "folds_before_raising": solved.first_fold_count,
             "raised_weights": solved.raised_weights,

@@ -61,6 +61,22 @@ def solve_patch(patch: Patch, boundary: Positions, factor: DirichletFactor, back
     return PatchMap(patch.index, points, mu, len(folded), float(np.abs(mu).max()), first, raised)
 
 
+def extend_patch(patch: Patch, kept: IntArray, values: ComplexArray, factor: DirichletFactor) -> PatchMap:
+    """Extend values (n_K,) on kept vertices harmonically in the plane itself, whatever folds (PGCP eq. 4.22).
+
+    With values that are harmonic across the seams this is, patch by patch, the harmonic map of the whole mesh. Raises
+    SolveFailedError where a position is not finite.
+    """
+    start = values[int(np.argmin(np.abs(np.roll(values, -1) - values)))]
+    points = start + factor.extend(values - start)
+    points[kept] = values
+    if not np.isfinite(points).all():
+        raise SolveFailedError(f"the harmonic map of patch {patch.index} is not finite")
+    mu = beltrami_coefficients(patch.vertices, patch.faces, points)
+    count = len(folded_faces(patch.faces, points))
+    return PatchMap(patch.index, points, mu, count, float(np.abs(mu).max()), count)
+
+
 class _PlaneChart:
     """The chart for a patch in the plane: z itself, or 1 / (z - c)."""
 

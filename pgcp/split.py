@@ -74,6 +74,11 @@ def _edge_table(mesh: Mesh, twins: IntArray, labels: IntArray, mollification: fl
     return EdgeTable(keys, _subdivision(keys // count, keys % count, count), count, mollification)
 
 
+def outer_edges(mesh: Mesh, topology: Topology, mollification: float = 0.0) -> EdgeTable:
+    """Edges of the surface's own boundary alone, subdivided the same whatever the cuts."""
+    return _edge_table(mesh, topology.twins, np.zeros(len(mesh.faces), np.int64), mollification)
+
+
 def plan_welds(table: SeamTable, patch_count: int, closed: bool = False, crowding: float = 0.0) -> WeldPlan:
     """Plan all welds before any is run: a binary tree over the patch graph.
 

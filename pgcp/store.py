@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pgcp.files import replacing
-from pgcp.types import Patch, PatchMap
+from pgcp.types import FloatArray, Patch, PatchMap
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,3 +43,20 @@ class PatchStore:
         """Load points and mu of a solved map."""
         with np.load(self._path("map", index)) as data:
             return data["points"], data["mu"]
+
+    def _array_path(self, kind: str, index: int) -> Path:
+        return self.directory / f"{kind}-{index:05d}.npy"
+
+    def write_array(self, kind: str, index: int, array: FloatArray) -> None:
+        """Store one array of a kind."""
+        with replacing(self._array_path(kind, index)) as stream:
+            np.save(stream, array)
+
+    def read_array(self, kind: str, index: int) -> FloatArray:
+        """Open an array where it lies, memory-mapped."""
+        array: FloatArray = np.load(self._array_path(kind, index), mmap_mode="r")
+        return array
+
+    def drop_array(self, kind: str, index: int) -> None:
+        """Remove an array that nobody needs any more."""
+        self._array_path(kind, index).unlink(missing_ok=True)

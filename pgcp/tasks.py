@@ -14,12 +14,14 @@ from pgcp.curves import crosses_itself
 from pgcp.dirichlet import DirichletFactor, eliminate_interior
 from pgcp.errors import WeldFailedError
 from pgcp.flatten import flatten_boundary
+from pgcp.interface import Merge, extend_inside, merge_operators
 from pgcp.operators import cotangent_laplacian
-from pgcp.solve import solve_patch
+from pgcp.puncture import Charts, alternated, opened_positions
+from pgcp.solve import extend_patch, solve_patch
 from pgcp.split import cut_patch, plan_welds, split_mesh
 from pgcp.store import PatchStore
 from pgcp.topology import examine
-from pgcp.types import BoundaryCurve, Component, Mesh, Patch, Positions
+from pgcp.types import BoundaryCurve, ComplexArray, Component, FloatArray, IntArray, Mesh, Patch, Positions
 from pgcp.weld import relax_boundary, run_welds, start_component, subdivide, weld_closed, weld_pair
 
 
@@ -57,13 +59,14 @@ _FACTORS = FactorCache()
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """What every task of a run needs: the store, a run id, and how to flatten."""
+    """What every task of a run needs: the store, a run id, how to flatten, and whether to store the patches' operators."""
 
     run: str
     directory: Path
     method: str
     backend: str
     factor_cache_bytes: int
+    stores_operators: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,9 +81,10 @@ class SolveReport:
     reused_factor: bool
 
 
-def factor_patch(patch: Patch, backend: str) -> DirichletFactor:
-    """Eliminate a patch's interior."""
-    return eliminate_interior(cotangent_laplacian(patch.vertices, patch.faces, patch.mollification), patch.boundary, backend)
+def factor_patch(patch: Patch, backend: str, kept: IntArray | None = None) -> DirichletFactor:
+    """Eliminate a patch's interior, or all but the local vertices ``kept``."""
+    laplacian = cotangent_laplacian(patch.vertices, patch.faces, patch.mollification)
+    return eliminate_interior(laplacian, patch.boundary if kept is None else kept, backend)
 
 
 def flatten_simply(patch: Patch, factor: DirichletFactor, method: str, backend: str) -> BoundaryCurve:
@@ -118,6 +122,8 @@ def flatten_task(job: Job, index: int) -> BoundaryCurve:
     patch = PatchStore(job.directory).read_patch(index)
     factor = factor_patch(patch, job.backend)
     curve = flatten_simply(patch, factor, job.method, job.backend)
+    if job.stores_operators:
+        PatchStore(job.directory).write_array("operator", index, factor.schur)
     _FACTORS.put((job.run, index), factor, job.factor_cache_bytes)
     return curve
 
@@ -153,3 +159,66 @@ def solve_task(job: Job, item: tuple[int, Positions]) -> SolveReport:
     factor.release()
     store.write_map(solved)
     return SolveReport(index, solved.fold_count, solved.first_fold_count, solved.raised_weights, solved.mu_max, reused)
+
+
+def eliminate_task(job: Job, item: tuple[int, IntArray]) -> None:
+    """First pass with exact seams: eliminate all of a stored patch but some local vertices, and store their operator."""
+    index, kept = item
+    store = PatchStore(job.directory)
+    factor = factor_patch(store.read_patch(index), job.backend, kept)
+    store.write_array("operator", index, factor.schur)
+    _FACTORS.put((job.run, index), factor, job.factor_cache_bytes)
+
+
+def merge_task(job: Job, merge: Merge) -> None:
+    """Join two stored operators into a third, and store what takes values inside."""
+    store = PatchStore(job.directory)
+    left, right = (store.read_array("operator", index) for index in (merge.left, merge.right))
+    schur, inside = merge_operators(left, right, merge)
+    store.write_array("operator", merge.result, schur)
+    store.write_array("inside", merge.result, inside)
+
+
+def extend_inside_task(job: Job, item: tuple[int, Positions]) -> Positions:
+    """Values on the seams inside a stored union, from those around it."""
+    index, values = item
+    return extend_inside(PatchStore(job.directory).read_array("inside", index), values)
+
+
+def flatten_whole_task(job: Job, item: tuple[int, FloatArray]) -> ComplexArray:
+    """Free boundary of the whole mesh by the stored operator on it; positions (n_B, 3) on the surface."""
+    index, positions = item
+    return flatten_boundary(np.array(PatchStore(job.directory).read_array("operator", index)), positions, job.method)
+
+
+def flatten_opened_task(job: Job, index: int) -> ComplexArray:
+    """Positions of an opened surface's kept vertices by the stored operator on them."""
+    return opened_positions(np.array(PatchStore(job.directory).read_array("operator", index)))
+
+
+def alternate_task(job: Job, item: tuple[int, Charts]) -> Charts:
+    """Positions of an opened surface's kept vertices in two charts, by the stored operator on them."""
+    index, charts = item
+    return alternated(charts, np.array(PatchStore(job.directory).read_array("operator", index)))
+
+
+def extend_task(job: Job, item: tuple[int, IntArray, ComplexArray]) -> SolveReport:
+    """Second pass with exact seams: extend values on a stored patch's kept vertices, and keep the factor for more."""
+    index, kept, values = item
+    store = PatchStore(job.directory)
+    patch = store.read_patch(index)
+    factor = _FACTORS.take((job.run, index))
+    reused = factor is not None
+    if factor is None:
+        factor = factor_patch(patch, job.backend, kept)
+    solved = extend_patch(patch, kept, values, factor)
+    _FACTORS.put((job.run, index), factor, job.factor_cache_bytes)
+    store.write_map(solved)
+    return SolveReport(index, solved.fold_count, solved.first_fold_count, 0, solved.mu_max, reused)
+
+
+def release_task(job: Job, index: int) -> None:
+    """Free a patch's factor, where it is held here."""
+    factor = _FACTORS.take((job.run, index))
+    if factor is not None:
+        factor.release()

@@ -111,9 +111,9 @@ if place == "write":
 elif place == "switch":
     os.replace = slow(os.replace)
 elif place == "solve":
-    from pgcp import attempts, pipeline
+    from pgcp import pipeline, run
     pipeline.measure_quality = slow(pipeline.measure_quality)
-    attempts.collect = slow(attempts.collect)
+    run.collect = slow(run.collect)
 if __name__ == "__main__":
     sys.exit(cli.main(sys.argv[4:]))
 """

@@ -112,6 +112,9 @@ OPTION_RUNS = [
     "--target disk --moebius angle --output-dir {folder}/out",
     "--target disk --centre 100 --output-dir {folder}/out",
     "--target free --moebius area --output-dir {folder}/out",
+    "--no-overlap --repairs relax,untangle --output-dir {folder}/out",
+    "--seams exact --target disk --output-dir {folder}/out",
+    "--seams relax --flatten scp --output-dir {folder}/out",
 ]
 
 
@@ -201,7 +204,6 @@ def test_a_mesh_with_defects_is_refused_with_what_would_mend_it_and_mapped_with_
         (["hills.obj", "--no-such-option"], "unrecognized arguments"),
         (["closed.ply", "--target", "disk"], "closed surface of genus 0 (a sphere), which the target disk does not fit; use"),
         (["closed.ply", "--target", "free"], "use target sphere"),
-        (["closed.ply", "--patches", "1"], "a closed surface needs at least 2 patches"),
         (["hills.obj", "--target", "sphere"], "one boundary loop of 56 edges, which the target sphere does not fit; use"),
         (["torus.ply"], "genus 1, closed; no target fits it"),
         (["torus.ply", "--target", "sphere"], "genus 1, closed; no target fits it"),
@@ -238,12 +240,12 @@ def test_mistakes_get_one_sentence_and_status_2(arguments, words, folder):
 
 
 def test_folds_give_status_3_and_marked_results(folder, monkeypatch, capsys):
-    from pgcp import attempts
+    from pgcp import run as running
 
     def mirrored(mesh, _parts, _target):
         return mesh.vertices @ [1, -1j, 0], np.zeros(len(mesh.faces), complex)
 
-    monkeypatch.setattr(attempts, "collect", mirrored)
+    monkeypatch.setattr(running, "collect", mirrored)
     assert main([str(folder / "hills.obj"), "--repairs", "untangle"]) == 3
     message = capsys.readouterr().err
     assert re.search(r"the map has 384 folded faces of 384: faces 0, 1, 2, 3, 4, \.\.\. in patches 0, 1, 2", message)
@@ -252,16 +254,16 @@ def test_folds_give_status_3_and_marked_results(folder, monkeypatch, capsys):
 
 
 def test_numerical_failures_and_bugs_have_their_own_status(folder, monkeypatch, capsys):
-    from pgcp import attempts
+    from pgcp import run as running
     from pgcp.errors import WeldFailedError
 
     def fail(*_):
         raise WeldFailedError("seam 3 is lost")
 
-    monkeypatch.setattr(attempts, "split_mesh", fail)
+    monkeypatch.setattr(running, "split_mesh", fail)
     assert main([str(folder / "hills.obj")]) == 3
     assert capsys.readouterr().err == "pgcp-run: seam 3 is lost\n"
-    monkeypatch.setattr(attempts, "split_mesh", lambda *_: 1 / 0)
+    monkeypatch.setattr(running, "split_mesh", lambda *_: 1 / 0)
     assert main([str(folder / "hills.obj")]) == 1
     assert "a bug: ZeroDivisionError" in capsys.readouterr().err
     with pytest.raises(ZeroDivisionError):

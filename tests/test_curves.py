@@ -33,7 +33,7 @@ def test_crossings_are_those_of_all_pairs(n):
 def test_touching_is_crossing_and_is_decided_exactly():
     square = np.array([0, 2, 2 + 2j, 1, 2j])
     assert crossings(square).tolist() == [[0, 2], [0, 3]]
-    assert not crosses_itself(square)
+    assert crosses_itself(square)
     for lift in (1e-300, 5e-324):
         assert len(crossings(np.array([0, 2, 2 + 2j, 1 + lift * 1j, 2j]))) == 0
         assert len(crossings(np.array([0, 2, 2 + 2j, 1 - lift * 1j, 2j]))) == 2

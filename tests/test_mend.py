@@ -479,14 +479,14 @@ def test_filler_is_some_of_the_faces():
 
 
 def test_a_fold_of_filler_alone_is_no_fold(monkeypatch):
-    from pgcp import attempts
+    from pgcp import run
 
     mesh = without(HILLS, [84])
     ring = examine(mesh.faces, len(mesh.vertices)).loops[1]
     filler = mend(mesh).mesh.faces[len(mesh.faces) :]
     tip = int(np.flatnonzero([(filler == vertex).sum() == 1 for vertex in ring])[0])
     before, ear, after = (int(ring[(tip + k) % len(ring)]) for k in (-1, 0, 1))
-    original = attempts.collect
+    original = run.collect
 
     def bent(whole, parts, target):
         """A vertex of the hole is pulled in across the filler's edge beside it."""
@@ -496,7 +496,7 @@ def test_a_fold_of_filler_alone_is_no_fold(monkeypatch):
         assert len(folded_faces(whole.faces, points)) > len(folded_faces(whole.bare.faces, points)) == 0
         return points, mu
 
-    monkeypatch.setattr(attempts, "collect", bent)
+    monkeypatch.setattr(run, "collect", bent)
     result = pgcp.parameterize(mesh, patches=1, fix=True)
     assert result.quality.folds == 0
     assert result.report["repairs"] == []

@@ -262,10 +262,10 @@ def test_the_factor_cache_is_bounded_and_drops_the_oldest():
     assert cache.take("b") is None
 
 
-def fail_first_welds(monkeypatch, times):
+def fail_first_welds(monkeypatch, times, exact=True):
     from pgcp import attempts
 
-    original, calls = attempts._weld_all, []
+    original, calls = attempts.weld, []
 
     def failing(*arguments):
         calls.append(1)
@@ -273,7 +273,12 @@ def fail_first_welds(monkeypatch, times):
             raise errors.WeldFailedError("made to fail")
         return original(*arguments)
 
-    monkeypatch.setattr(attempts, "_weld_all", failing)
+    def never(*_):
+        raise errors.SolveFailedError("made to fail, too")
+
+    monkeypatch.setattr(attempts, "weld", failing)
+    if not exact:
+        monkeypatch.setattr(attempts, "map_exactly", never)
     return calls
 
 
@@ -287,26 +292,35 @@ def test_a_failed_weld_is_tried_again_in_another_order_and_with_another_seed(wor
     other = pgcp.parameterize(hills, patches=4, seed=1)
     orders = orders_of(hills, 4)
     assert len(orders) > 1
-    fail_first_welds(monkeypatch, len(orders))
+    fail_first_welds(monkeypatch, len(orders), exact=False)
     result = pgcp.parameterize(hills, patches=4, seed=0, workers=workers)
     assert result.report["seed"] == 1
     assert result.report["retries"] == [
-        {"patches": 4, "seed": 0, "weld_order": order, "reason": "made to fail"} for order in orders
+        *({"patches": 4, "seed": 0, "route": order, "folds": None, "reason": "made to fail"} for order in orders),
+        {"patches": 4, "seed": 0, "route": "exact", "folds": None, "reason": "made to fail, too"},
     ]
     assert result.coordinates.tobytes() == other.coordinates.tobytes()
 
 
+def test_where_welds_fail_seams_are_solved_exactly(monkeypatch, hills):
+    exact = pgcp.parameterize(hills, patches=4, seams="exact")
+    fail_first_welds(monkeypatch, 1000)
+    result = pgcp.parameterize(hills, patches=4)
+    assert result.coordinates.tobytes() == exact.coordinates.tobytes()
+    assert {r["route"] for r in result.report["retries"]} == set(orders_of(hills, 4))
+
+
 def test_fewer_patches_are_the_last_resort_of_a_weld(monkeypatch, hills):
     tries = sum(len(orders_of(hills, 5, seed)) for seed in range(3))
-    fail_first_welds(monkeypatch, tries)
+    fail_first_welds(monkeypatch, tries, exact=False)
     result = pgcp.parameterize(hills, patches=5)
     assert len(result.report["patches"]) == 2
-    assert len(result.report["retries"]) == tries
+    assert len(result.report["retries"]) == tries + 1
     assert result.quality.folds == 0
 
 
 def test_a_weld_that_fails_every_time_is_an_error(monkeypatch, hills):
-    calls = fail_first_welds(monkeypatch, 1000)
+    calls = fail_first_welds(monkeypatch, 1000, exact=False)
     with pytest.raises(errors.WeldFailedError, match="made to fail"):
         pgcp.parameterize(hills, patches=4, repairs=())
     assert len(calls) == sum(len(orders_of(hills, 4, seed)) for seed in range(3)) + 2
@@ -422,10 +436,10 @@ def test_unused_vertices_stay_in_the_order():
 
 
 def test_a_map_with_folds_is_not_passed_off_as_good(hills, monkeypatch):
-    from pgcp import attempts
+    from pgcp import run
 
     monkeypatch.setattr(
-        attempts, "collect", lambda mesh, parts, target: ((mesh.vertices @ [1, -1j, 0]), np.zeros(len(mesh.faces), complex))
+        run, "collect", lambda mesh, parts, target: ((mesh.vertices @ [1, -1j, 0]), np.zeros(len(mesh.faces), complex))
     )
     with pytest.raises(errors.FoldError, match="folded faces of 1152") as caught:
         pgcp.parameterize(hills, patches=2)

@@ -1,0 +1,141 @@
+"""The whole mesh's Laplacian, eliminated patch by patch on an executor: the seams solved exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from pgcp.executors import Executor
+from pgcp.interface import Merge, plan_merges
+from pgcp.puncture import Charts
+from pgcp.store import PatchStore
+from pgcp.tasks import (
+    Job,
+    SolveReport,
+    alternate_task,
+    eliminate_task,
+    extend_inside_task,
+    extend_task,
+    flatten_opened_task,
+    flatten_whole_task,
+    merge_task,
+    release_task,
+)
+from pgcp.types import ComplexArray, FloatArray, IntArray, Patch, Positions, WeldPlan
+
+
+class InterfaceFactor:
+    """A DirichletFactor of the whole mesh: all vertices but ``kept`` (n_K,) eliminated, patch by patch and seam by seam.
+
+    Operators lie in the job's store; only ids and values on boundaries and seams pass through the executor. ``levels``
+    records for each level of the tree, the patches first, the merges, vertices eliminated, bytes stored and operations.
+    """
+
+    def __init__(
+        self, executor: Executor, job: Job, patches: Sequence[Patch], plan: WeldPlan, kept: IntArray, vertex_count: int
+    ) -> None:
+        self._executor, self._job, self._store = executor, job, PatchStore(job.directory)
+        self._patches, self._kept, self._vertex_count = patches, kept, vertex_count
+        self._local = [_kept_in(patch, kept) for patch in patches]
+        self._ids = [p.vertex_ids[local] for p, local in zip(patches, self._local, strict=True)]
+        self._merges = plan_merges(plan, self._ids, kept)
+        self._root = self._merges[-1].result if self._merges else 0
+        self.levels: list[dict[str, int]] = []
+
+    def eliminate_patches(self) -> None:
+        """Eliminate the patches' interiors, where the flattening has not stored their operators."""
+        items = list(zip((p.index for p in self._patches), self._local, strict=True))
+        self._executor.map("eliminate", partial(eliminate_task, self._job), items)
+
+    def merge(self) -> None:
+        """Eliminate the seams, level by level up the tree."""
+        inner = sum(len(p.vertex_ids) - len(local) for p, local in zip(self._patches, self._local, strict=True))
+        stored = sum(8 * len(ids) ** 2 for ids in self._ids)
+        self.levels = [{"level": 0, "operators": len(self._ids), "eliminated": inner, "bytes": stored}]
+        for level, merges in _by_level(self._merges):
+            self._executor.map(f"merge {level}", partial(merge_task, self._job), merges)
+            for merge in merges:
+                for index in (merge.left, merge.right):
+                    # those that the flattening has stored may be merged again in another order
+                    if index >= len(self._ids) or not self._job.stores_operators:
+                        self._store.drop_array("operator", index)
+            counts = {
+                "eliminated": sum(len(m.eliminated) for m in merges),
+                "bytes": sum(m.nbytes for m in merges),
+                "flops": sum(m.flops for m in merges),
+            }
+            self.levels.append({"level": level, "operators": len(merges), **counts})
+
+    @property
+    def schur(self) -> FloatArray:
+        """Schur complement of the whole mesh's Laplacian on the kept vertices (n_K, n_K)."""
+        return np.array(self._store.read_array("operator", self._root))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes on disk of what is kept for extensions, and of the Schur complement."""
+        return 8 * (len(self._kept) ** 2 + sum(len(m.kept) * len(m.eliminated) for m in self._merges))
+
+    def free_boundary(self, positions: FloatArray) -> ComplexArray:
+        """Free conformal positions z (n_K,) of the kept vertices, a disk's boundary; positions (n_K, 3) on the surface."""
+        (z,) = self._executor.map("flatten", partial(flatten_whole_task, self._job), [(self._root, positions)])
+        return z
+
+    def opened_positions(self) -> ComplexArray:
+        """Planar positions z (n_K,) of the kept vertices of an opened surface."""
+        (z,) = self._executor.map("flatten", partial(flatten_opened_task, self._job), [self._root])
+        return z
+
+    def alternated(self, charts: Charts) -> Charts:
+        """Kept vertices of an opened surface, harmonic in two charts."""
+        (solved,) = self._executor.map("alternate", partial(alternate_task, self._job), [(self._root, charts)])
+        return solved
+
+    def extend_seams(self, values: Positions) -> Positions:
+        """Values at kept and seam vertices in an array over all vertices (V, ...), from those at the kept ones (n_K, ...)."""
+        out = np.zeros((self._vertex_count, *values.shape[1:]), values.dtype)
+        out[self._kept] = values
+        for level, merges in reversed(_by_level(self._merges)):
+            items = [(merge.result, out[merge.kept]) for merge in merges]
+            inside = self._executor.map(f"extend {level}", partial(extend_inside_task, self._job), items)
+            for merge, part in zip(merges, inside, strict=True):
+                out[merge.eliminated] = part
+        return out
+
+    def extend_patches(self, positions: ComplexArray) -> list[SolveReport]:
+        """Extend values at kept and seam vertices, given in an array (V,), into every patch; the maps go to the store."""
+        items = [(p.index, local, positions[ids]) for p, local, ids in zip(self._patches, self._local, self._ids, strict=True)]
+        return self._executor.map("solve", partial(extend_task, self._job), items)
+
+    def extend(self, boundary_values: ComplexArray) -> ComplexArray:
+        """Values (V,) of the discrete harmonic function of the whole mesh with the given values at kept vertices (n_K,)."""
+        out = self.extend_seams(np.asarray(boundary_values, np.complex128))
+        for patch, report in zip(self._patches, self.extend_patches(out), strict=True):
+            out[patch.vertex_ids] = self._store.read_map(report.patch)[0]
+        return out
+
+    def release(self) -> None:
+        """Remove what is stored, and free the patches' factors where they are held."""
+        self._executor.map("release", partial(release_task, self._job), [p.index for p in self._patches])
+        self._store.drop_array("operator", self._root)
+        for merge in self._merges:
+            self._store.drop_array("inside", merge.result)
+
+    def record(self) -> dict[str, Any]:
+        """What the report says of it."""
+        return {"vertices": len(self._kept), "bytes": self.nbytes, "levels": self.levels}
+
+
+def _kept_in(patch: Patch, kept: IntArray) -> IntArray:
+    """Local ids of a patch's boundary, and of the kept vertices in its interior."""
+    among = kept[np.isin(kept, patch.vertex_ids)]
+    local = np.searchsorted(patch.vertex_ids, among)
+    return np.concatenate([patch.boundary, np.setdiff1d(local, patch.boundary)])
+
+
+def _by_level(merges: Sequence[Merge]) -> list[tuple[int, list[Merge]]]:
+    return [(level, list(group)) for level, group in groupby(merges, key=lambda merge: merge.level)]
