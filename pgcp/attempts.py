@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from pgcp.assemble import used_vertices
-from pgcp.by_interface import map_exactly
+from pgcp.by_interface import map_exactly, map_to_disk
 from pgcp.by_welds import flatten, solve, weld
 from pgcp.correct import Correction, correct
 from pgcp.curves import crossings
 from pgcp.errors import NumericalError, SolveFailedError, WeldFailedError
 from pgcp.io import read_cuts
+from pgcp.options import DISK_METHODS
 from pgcp.repair import Repaired, Surroundings, embedding_alone, repair_folds
 from pgcp.run import Mapped, Parts, Run, store_parts
 from pgcp.split import plans
@@ -65,9 +66,10 @@ class Finished:
 
 
 def _corrected(run: Run, points: Positions, target: str) -> tuple[Positions, Correction | None]:
-    """The Moebius correction asked for; a vertex at the centre of the disk leaves none."""
+    """The Moebius correction asked for; a vertex at the centre of the disk leaves none, a disk method has its own."""
     options = run.options
-    method = _CORRECTION[target] if options.moebius == "auto" else options.moebius
+    own = "none" if options.method in DISK_METHODS else _CORRECTION[target]
+    method = own if options.moebius == "auto" else options.moebius
     if method == "none" or (target == "disk" and options.centre is not None):
         return points, None
     bare = run.mesh.bare
@@ -166,6 +168,10 @@ def _welded_maps(run: Run, parts: Parts, failures: list[dict[str, Any]]) -> Iter
             yield parts.seed, order, problem
 
 
+def _cuts(run: Run) -> IntArray | None:
+    return read_cuts(run.options.cuts) if run.options.cuts is not None else None
+
+
 def _map_with_retries(run: Run, failures: list[dict[str, Any]]) -> Finished:
     """Map the patches; where that fails or leaves folds, try other weld orders, exact seams, other seeds, and fewer patches.
 
@@ -173,7 +179,7 @@ def _map_with_retries(run: Run, failures: list[dict[str, Any]]) -> Finished:
     After two such maps fewer patches are tried; the last tier of repair waits until nothing else is left. Raises
     WeldFailedError or SolveFailedError where nothing led to a map, CrowdedError where the disk has no room for it.
     """
-    cuts = read_cuts(run.options.cuts) if run.options.cuts is not None else None
+    cuts = _cuts(run)
     best: Finished | None = None
     problem: WeldFailedError | SolveFailedError | None = None
     for count, seeds in _choices(run):
@@ -242,10 +248,14 @@ def map_mesh(run: Run) -> Outcome:
     """Map a mesh to its target.
 
     A free map that is left with folds, or with overlaps where none are wanted, gives way to the map to the disk from the
-    same welds, whose boundary is convex. Where all welds fail the mesh is embedded as a whole. Raises NumericalError where
-    there is no map, or none without overlaps.
+    same welds, whose boundary is convex. Where all welds fail the mesh is embedded as a whole. A disk method of its own has
+    no other to give way to. Raises NumericalError where there is no map, or none without overlaps.
     """
     failures: list[dict[str, Any]] = []
+    if run.options.method in DISK_METHODS:
+        count = run.options.patch_count(len(run.mesh.faces))
+        parts = store_parts(run, count, run.options.seed, _cuts(run), run.options.method)
+        return Outcome(_embedded(run, _finish(run, map_to_disk(run, parts))), failures)
     try:
         done = _map_with_retries(run, failures)
     except (WeldFailedError, SolveFailedError) as problem:
@@ -254,8 +264,11 @@ def map_mesh(run: Run) -> Outcome:
         done = _alone(run, "sphere" if run.target == "sphere" else "disk")
         to = f"{done.mapped.target} (embedding)"
         return Outcome(done, failures, None, {"from": run.target, "to": to, "reason": str(problem)})
-    if run.target != "free":
-        return Outcome(done, failures)
+    return Outcome(done, failures) if run.target != "free" else _free_or_disk(run, done, failures)
+
+
+def _free_or_disk(run: Run, done: Finished, failures: list[dict[str, Any]]) -> Outcome:
+    """The free map, or the map to the disk where folds are left or overlaps are not wanted."""
     overlap = _overlap(done.points, run.boundary)
     unwanted = run.options.no_overlap and overlap["crossings"] > 0
     if not unwanted and not (done.folds and "embed" in run.options.repairs):

@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_array
 
-from pgcp.beltrami import folded_faces_on_sphere, map_coefficients
+from pgcp.beltrami import find_folds, map_coefficients
+from pgcp.boundary_energy import plain_steps
+from pgcp.ccem import ccem_map, cem_map
+from pgcp.cdcp import cdcp_map, central_face, harmonic_boundary, late_heat, start_angles
 from pgcp.constrain import constrain_to_disk
 from pgcp.curves import crosses_itself
 from pgcp.errors import WeldFailedError
 from pgcp.exact import InterfaceFactor
+from pgcp.operators import cotangent_laplacian
 from pgcp.puncture import Opened, charts_of, close_on_sphere, close_region, open_at, puncture_face, straightened
 from pgcp.run import Mapped, Parts, Run, gathered, spread_out
 from pgcp.split import outer_edges, plan_welds
 from pgcp.tasks import SolveReport
 from pgcp.types import BoundaryCurve, ComplexArray, Component, Positions, SeamPositions
 from pgcp.weld import start_component, subdivide
+
+_MINIMISE = {"cem": cem_map, "ccem": ccem_map}
 
 
 def map_exactly(run: Run, parts: Parts, target: str) -> Mapped:
@@ -48,6 +56,42 @@ def map_exactly(run: Run, parts: Parts, target: str) -> Mapped:
     return Mapped(parts, target, [1] * len(parts.patches), solved, seams, points, mu, interface=factor.record())
 
 
+def map_to_disk(run: Run, parts: Parts) -> Mapped:
+    """CDCP, CEM or CCEM of the whole mesh, by the interface operator."""
+    mesh, clock, loop = run.mesh, run.clock, run.boundary
+    plan = plan_welds(parts.split.table, parts.split.patch_count)
+    factor = InterfaceFactor(run.executor, parts.job, parts.patches, plan, loop, len(mesh.vertices))
+    with clock.stage("eliminate"):
+        factor.eliminate_patches()
+    with clock.stage("merge"):
+        factor.merge()
+    with clock.stage("centre"):
+        centre = central_face(mesh.vertices, mesh.faces, late_heat(loop, len(mesh.vertices), factor))
+    iterations: tuple[dict[str, Any], ...] = ()
+    with clock.stage("map"):
+        if run.options.method == "cdcp":
+            z = cdcp_map(mesh, loop, factor, centre, run.options.moebius == "auto").z
+        else:
+            start = start_angles(harmonic_boundary(mesh.vertices, mesh.faces[centre], factor))
+            found = _MINIMISE[run.options.method](factor, _boundary_block(run), start)
+            z, iterations = found.z, tuple(plain_steps(found.steps))
+    record = factor.record()
+    factor.release()
+    mu = map_coefficients(mesh, mesh.faces, np.column_stack([z.real, z.imag]))
+    pieces = [1] * len(parts.patches)
+    solved = _seen_again(run, parts, [SolveReport(p.index, 0, 0, 0, 0.0, False) for p in parts.patches], z, mu)
+    return Mapped(parts, "disk", pieces, solved, SeamPositions(loop, z[loop]), z, mu, interface=record, iterations=iterations)
+
+
+def _boundary_block(run: Run) -> csr_array:
+    """The rows and columns of the Laplacian (n_B, n_B) at boundary vertices."""
+    mesh, loop = run.mesh, run.boundary
+    near = np.zeros(len(mesh.vertices), bool)
+    near[loop] = True
+    faces = mesh.faces[near[mesh.faces].any(axis=1)]
+    return csr_array(cotangent_laplacian(mesh.vertices, faces, run.mollification)[loop][:, loop])
+
+
 def _closed(run: Run, z: ComplexArray, opened: Opened, factor: InterfaceFactor) -> Positions:
     """The opened surface's planar map on the sphere, both sides of the second ring solved again in charts of their own."""
     points = close_on_sphere(run.mesh, straightened(run.mesh, z, opened.far))
@@ -59,9 +103,9 @@ def _closed(run: Run, z: ComplexArray, opened: Opened, factor: InterfaceFactor) 
 
 
 def _seen_again(run: Run, parts: Parts, solved: list[SolveReport], points: Positions, mu: ComplexArray) -> list[SolveReport]:
-    """What is said of every patch, for its final place on the sphere."""
+    """What is said of every patch, for its final place."""
     labels, count = parts.split.labels, parts.split.patch_count
-    folds = np.bincount(labels[folded_faces_on_sphere(run.mesh.faces, points)], minlength=count)
+    folds = np.bincount(labels[find_folds(run.mesh.faces, points)], minlength=count)
     largest = np.zeros(count)
     np.maximum.at(largest, labels, np.abs(mu))
     return [

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from pgcp.errors import InputError, NumericalError
-from pgcp.options import FLATTENERS, MOEBIUS, REPAIRS, SEAMS, TARGETS, Options
+from pgcp.options import FLATTENERS, METHODS, MOEBIUS, REPAIRS, SEAMS, TARGETS, Options
 from pgcp.types import Mesh, Parameterization
 
 GOOD, BUG, BAD_INPUT, NUMERICAL = 0, 1, 2, 3
@@ -59,6 +59,12 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--repair-cuts", action="store_true", help="mend parts that the cuts leave and that are no disks")
     parser.add_argument(
         "--fix", action="store_true", help="repair the topology of a mesh that would be refused: cut, split, weld, fill holes"
+    )
+    parser.add_argument(
+        "--method",
+        choices=METHODS,
+        default="pgcp",
+        help="pgcp; or the undivided mesh by dncp, scp (free), cdcp, cem or ccem (disk)",
     )
     parser.add_argument("--flatten", choices=FLATTENERS, default="dncp", help="how patches are flattened (default dncp)")
     parser.add_argument(
@@ -264,6 +270,7 @@ def _options(arguments: argparse.Namespace) -> Options:
         scheduler_file=arguments.scheduler_file,
         cuts=arguments.cuts,
         repair_cuts=arguments.repair_cuts,
+        method=arguments.method,
         flatten=arguments.flatten,
         seams=arguments.seams,
         backend=arguments.backend,

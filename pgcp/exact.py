@@ -23,7 +23,11 @@ from pgcp.tasks import (
     flatten_opened_task,
     flatten_whole_task,
     merge_task,
+    reduce_inside_task,
+    reduce_task,
     release_task,
+    solve_inside_task,
+    solve_load_task,
 )
 from pgcp.types import ComplexArray, FloatArray, IntArray, Patch, Positions, WeldPlan
 
@@ -78,7 +82,8 @@ class InterfaceFactor:
     @property
     def nbytes(self) -> int:
         """Bytes on disk of what is kept for extensions, and of the Schur complement."""
-        return 8 * (len(self._kept) ** 2 + sum(len(m.kept) * len(m.eliminated) for m in self._merges))
+        inside = sum(len(m.eliminated) * (len(m.kept) + len(m.eliminated)) for m in self._merges)
+        return 8 * (len(self._kept) ** 2 + inside)
 
     def free_boundary(self, positions: FloatArray) -> ComplexArray:
         """Free conformal positions z (n_K,) of the kept vertices, a disk's boundary; positions (n_K, 3) on the surface."""
@@ -118,12 +123,61 @@ class InterfaceFactor:
             out[patch.vertex_ids] = self._store.read_map(report.patch)[0]
         return out
 
+    def _within(self, load: ComplexArray) -> list[ComplexArray]:
+        """The part of a load (V,) that lies in the interior of each patch, in its local numbers."""
+        parts = []
+        for patch, local in zip(self._patches, self._local, strict=True):
+            own = np.asarray(load[patch.vertex_ids], np.complex128)
+            own[local] = 0.0
+            parts.append(own)
+        return parts
+
+    def _reduced(self, load: ComplexArray) -> ComplexArray:
+        """Load (V,) on kept and seam vertices, each with what those eliminated before it pass on; 0 elsewhere."""
+        out = np.zeros(self._vertex_count, np.complex128)
+        for ids in self._ids:
+            out[ids] = load[ids]
+        items = [(p.index, local, r) for p, local, r in zip(self._patches, self._local, self._within(load), strict=True)]
+        for ids, part in zip(self._ids, self._executor.map("reduce", partial(reduce_task, self._job), items), strict=True):
+            out[ids] += part
+        for level, merges in _by_level(self._merges):
+            passed = [(merge.result, out[merge.eliminated]) for merge in merges]
+            parts = self._executor.map(f"reduce {level}", partial(reduce_inside_task, self._job), passed)
+            for merge, part in zip(merges, parts, strict=True):
+                out[merge.kept] += part
+        return out
+
+    def reduce(self, load: ComplexArray) -> ComplexArray:
+        """Load (n_K,) on the kept vertices that does what a load (V,) on the whole does: S g = reduce(r) where L h = r."""
+        return self._reduced(load)[self._kept]
+
+    def solve(self, load: ComplexArray, boundary_values: ComplexArray) -> ComplexArray:
+        """Values (V,) with the given ones at kept vertices (n_K,) and, at all others, the load (V,)."""
+        reduced = self._reduced(load)
+        out = np.zeros(self._vertex_count, np.complex128)
+        out[self._kept] = boundary_values
+        for level, merges in reversed(_by_level(self._merges)):
+            items = [(merge.result, out[merge.kept], reduced[merge.eliminated]) for merge in merges]
+            inside = self._executor.map(f"solve {level}", partial(solve_inside_task, self._job), items)
+            for merge, part in zip(merges, inside, strict=True):
+                out[merge.eliminated] = part
+        tasks = [
+            (p.index, local, r, out[ids])
+            for p, local, r, ids in zip(self._patches, self._local, self._within(load), self._ids, strict=True)
+        ]
+        self._executor.map("solve", partial(solve_load_task, self._job), tasks)
+        for patch in self._patches:
+            out[patch.vertex_ids] = self._store.read_array("values", patch.index)
+            self._store.drop_array("values", patch.index)
+        return out
+
     def release(self) -> None:
         """Remove what is stored, and free the patches' factors where they are held."""
         self._executor.map("release", partial(release_task, self._job), [p.index for p in self._patches])
         self._store.drop_array("operator", self._root)
         for merge in self._merges:
             self._store.drop_array("inside", merge.result)
+            self._store.drop_array("pivot", merge.result)
 
     def record(self) -> dict[str, Any]:
         """What the report says of it."""

@@ -17,10 +17,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError, cholesky, solve_triangular
+from scipy.linalg import LinAlgError, cho_solve, cholesky, solve_triangular
 
 from pgcp.errors import SolveFailedError
-from pgcp.types import FloatArray, IntArray, Positions, WeldPlan
+from pgcp.types import ComplexArray, FloatArray, IntArray, Positions, WeldPlan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +48,9 @@ class Merge:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of S and W."""
-        return 8 * len(self.kept) * (len(self.kept) + len(self.eliminated))
+        """Bytes of S, W and the factor of the eliminated block."""
+        n, e = len(self.kept), len(self.eliminated)
+        return 8 * (n * (n + e) + e * e)
 
 
 def plan_merges(plan: WeldPlan, ids: Sequence[IntArray], kept: IntArray) -> tuple[Merge, ...]:
@@ -84,8 +85,9 @@ def _places(ids: IntArray, among: IntArray) -> IntArray:
     return order[np.searchsorted(among, ids, sorter=order)]
 
 
-def merge_operators(left: FloatArray, right: FloatArray, merge: Merge) -> tuple[FloatArray, FloatArray]:
-    """Schur complement S (n_K, n_K) of the union, and W (n_E, n_K), which takes values on what is kept to the eliminated.
+def merge_operators(left: FloatArray, right: FloatArray, merge: Merge) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Schur complement S (n_K, n_K) of the union, W (n_E, n_K), which takes values on what is kept to the eliminated, and the
+    lower Cholesky factor (n_E, n_E) of the eliminated block.
 
     Raises SolveFailedError where the block to be eliminated is not positive definite.
     """
@@ -96,7 +98,7 @@ def merge_operators(left: FloatArray, right: FloatArray, merge: Merge) -> tuple[
         places = _places(own, ids)
         matrix[np.ix_(places, places)] += operator
     if n == 0:
-        return matrix, np.zeros((0, len(ids)))
+        return matrix, np.zeros((0, len(ids))), np.zeros((0, 0))
     try:
         factor = cholesky(matrix[:n, :n], lower=True, check_finite=False)
     except LinAlgError as problem:
@@ -108,7 +110,7 @@ def merge_operators(left: FloatArray, right: FloatArray, merge: Merge) -> tuple[
     schur = matrix[n:, n:] - half.T @ half
     if not (np.isfinite(schur).all() and np.isfinite(inside).all()):
         raise SolveFailedError(f"eliminating a seam of {n} vertices gave values that are not finite")
-    return schur, inside
+    return schur, inside, np.asarray(factor)
 
 
 def extend_inside(inside: FloatArray, values: Positions) -> Positions:
@@ -124,3 +126,12 @@ def extend_inside(inside: FloatArray, values: Positions) -> Positions:
     else:
         moved = (inside @ columns.reshape(len(columns), -1)).reshape(len(inside), *columns.shape[1:])
     return start + moved
+
+
+def solve_inside(factor: FloatArray, load: ComplexArray) -> ComplexArray:
+    """A_EE^{-1} r_E (n_E,): what a load on the eliminated vertices does there; factor: lower Cholesky factor of A_EE."""
+    if len(load) == 0:
+        return load
+    columns = np.ascontiguousarray(load).view(np.float64).reshape(len(load), 2)
+    solved: FloatArray = np.ascontiguousarray(cho_solve((np.asarray(factor), True), columns, check_finite=False))
+    return solved.view(np.complex128).reshape(-1)

@@ -11,6 +11,8 @@ TARGETS = ("auto", "free", "disk", "sphere")
 MOEBIUS = ("auto", "none", "area", "angle")
 REPAIRS = ("relax", "compose", "average", "untangle", "embed")
 FLATTENERS = ("dncp", "scp")
+METHODS = ("pgcp", "dncp", "scp", "cdcp", "cem", "ccem")
+DISK_METHODS = ("cdcp", "cem", "ccem")
 SEAMS = ("weld", "relax", "exact")
 DEFAULT_PATCHES = 6
 _FEWEST_FACES = 100
@@ -25,7 +27,8 @@ class Options:
     the centre of the disk or the north pole of the sphere; moebius: correction of the finished map, none, least area
     distortion, least angle error (disk), or auto for what serves the target;
     scheduler or scheduler_file: a running dask cluster; cuts: a file of cut edges; repair_cuts: mend parts that are
-    no disks; flatten: dncp or scp; seams: weld, relax (welded boundary held, seams solved) or exact (no weld); backend: auto,
+    no disks; method: pgcp, or dncp, scp (free boundary), cdcp, cem, ccem (disk) of the undivided mesh; flatten: dncp or scp;
+    seams: weld, relax (welded boundary held, seams solved) or exact (no weld); backend: auto,
     pardiso or superlu; seed: of the partition; store: directory shared with the workers; repairs: which tiers may take folds
     away, in this order; no_overlap: where a free map overlaps itself, map to the disk instead; factor_cache_bytes: what
     factors one process may keep between the passes; fix: repair the topology of a mesh that the target does not fit.
@@ -40,6 +43,7 @@ class Options:
     scheduler_file: Path | None = None
     cuts: Path | None = None
     repair_cuts: bool = False
+    method: str = "pgcp"
     flatten: str = "dncp"
     seams: str = "weld"
     backend: str = "auto"
@@ -63,6 +67,13 @@ class Options:
             raise InputError(f"unknown Moebius correction {self.moebius!r}; choose from {', '.join(MOEBIUS)}")
         if self.centre is not None and self.centre < 0:
             raise InputError(f"centre is vertex {self.centre}, it must be 0 or more")
+        if self.method not in METHODS:
+            raise InputError(f"unknown method {self.method!r}; choose from {', '.join(METHODS)}")
+        wanted = "disk" if self.method in DISK_METHODS else "free"
+        if self.method != "pgcp" and self.target not in ("auto", wanted):
+            raise InputError(f"the method {self.method} is one for the target {wanted}, not {self.target}")
+        if self.method != "pgcp" and self.seams != "weld":
+            raise InputError(f"the method {self.method} has no welds to choose seams for; seams goes with the method pgcp")
         if self.flatten not in FLATTENERS:
             raise InputError(f"unknown flattening {self.flatten!r}; choose from {', '.join(FLATTENERS)}")
         if self.seams not in SEAMS:

@@ -16,13 +16,14 @@ from pgcp.attempts import map_mesh
 from pgcp.beltrami import covering_degree, find_folds, map_coefficients
 from pgcp.check import check_centre, check_mended, check_mesh, fitting_target, unit_mesh
 from pgcp.dirichlet import choose_backend
+from pgcp.distortion import conformal_energy
 from pgcp.errors import FoldError, InputError
 from pgcp.executors import DaskExecutor, Progress, SerialExecutor, silent
 from pgcp.files import scratch_directory
 from pgcp.io import read_mesh
 from pgcp.mend import Mended, mend, unmended
 from pgcp.operators import needed_mollification
-from pgcp.options import Options
+from pgcp.options import DISK_METHODS, Options
 from pgcp.quality import measure_quality
 from pgcp.run import Clock, Mapped, Run
 from pgcp.tasks import Job
@@ -94,6 +95,13 @@ def fold_message(result: Parameterization) -> str:
     )
 
 
+def _resolved(options: Options) -> Options:
+    """Options with what a method other than pgcp means: exact seams, or the disk."""
+    if options.method in ("dncp", "scp"):
+        return replace(options, method="pgcp", seams="exact", flatten=options.method, target="free")
+    return replace(options, target="disk") if options.method in DISK_METHODS else options
+
+
 def _renumbered(options: Options, mended: Mended) -> Options:
     """Options in the numbers of the mended mesh's vertices."""
     if np.array_equal(mended.vertex_of, np.arange(len(mended.stands_for))):
@@ -111,6 +119,7 @@ def _renumbered(options: Options, mended: Mended) -> Options:
 def compute(source: Any, options: Options, progress: Progress = silent) -> Parameterization:
     """As ``parameterize``, but a map with folds is returned like any other: its quality says so."""
     clock = Clock()
+    asked, options = options, _resolved(options)
     name = uuid.uuid4().hex[:12]
     backend = choose_backend(options.backend)
     with clock.stage("read"):
@@ -122,7 +131,7 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         if options.seams == "relax" and target == "sphere":
             raise InputError(_NO_BOUNDARY_TO_HOLD)
         check_centre(mesh, options.centre, options.moebius, target)
-        asked, options = options, _renumbered(options, mended)
+        options = _renumbered(options, mended)
         mesh, unit = unit_mesh(mended.mesh)
         mollification = needed_mollification(mesh.vertices, mesh.faces)
     with (
@@ -146,6 +155,8 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
     with clock.stage("measure"):
         mu, patch = mapped.mu[: len(mesh.faces)], mapped.parts.split.labels[: len(mesh.faces)]
         quality = measure_quality(mesh, coordinates, mu)
+        if target == "disk":
+            quality = replace(quality, conformal_energy=conformal_energy(mesh, coordinates[:, 0] + 1j * coordinates[:, 1]))
         if target == "sphere" and whole.filler:
             quality = replace(quality, degree=covering_degree(whole.faces, coordinates))
     if target == "free":
@@ -165,6 +176,7 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         "mollification": mollification * unit,
         "seams": mapped.seams_by,
         "interface": mapped.interface,
+        "iterations": list(mapped.iterations),
         "boundary_points": int(mapped.parts.split.edges.parts.sum()),
         "target": target,
         "smallest_gap": mapped.seams.smallest_gap,

@@ -80,7 +80,7 @@ class Mapped:
     """One pass through all patches: positions, and mu (F,) of the patches as they were solved.
 
     pieces: how many pieces each patch was flattened in; plan and union: the welds and what they made, None without welds;
-    interface: the record of seams that were solved exactly.
+    interface: the record of seams that were solved exactly; iterations: that of a descent.
     """
 
     parts: Parts
@@ -94,6 +94,7 @@ class Mapped:
     union: Component | None = None
     welds: tuple[dict[str, int], ...] = ()
     interface: dict[str, Any] | None = None
+    iterations: tuple[dict[str, Any], ...] = ()
 
     @property
     def seams_by(self) -> str | None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pgcp.files import replacing
-from pgcp.types import FloatArray, Patch, PatchMap
+from pgcp.types import Patch, PatchMap
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,14 +47,14 @@ class PatchStore:
     def _array_path(self, kind: str, index: int) -> Path:
         return self.directory / f"{kind}-{index:05d}.npy"
 
-    def write_array(self, kind: str, index: int, array: FloatArray) -> None:
+    def write_array(self, kind: str, index: int, array: np.ndarray) -> None:
         """Store one array of a kind."""
         with replacing(self._array_path(kind, index)) as stream:
             np.save(stream, array)
 
-    def read_array(self, kind: str, index: int) -> FloatArray:
+    def read_array(self, kind: str, index: int) -> Any:
         """Open an array where it lies, memory-mapped."""
-        array: FloatArray = np.load(self._array_path(kind, index), mmap_mode="r")
+        array: np.ndarray = np.load(self._array_path(kind, index), mmap_mode="r")
         return array
 
     def drop_array(self, kind: str, index: int) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from pgcp.curves import crosses_itself
 from pgcp.dirichlet import DirichletFactor, eliminate_interior
 from pgcp.errors import WeldFailedError
 from pgcp.flatten import flatten_boundary
-from pgcp.interface import Merge, extend_inside, merge_operators
+from pgcp.interface import Merge, extend_inside, merge_operators, solve_inside
 from pgcp.operators import cotangent_laplacian
 from pgcp.puncture import Charts, alternated, opened_positions
 from pgcp.solve import extend_patch, solve_patch
@@ -174,15 +174,54 @@ def merge_task(job: Job, merge: Merge) -> None:
     """Join two stored operators into a third, and store what takes values inside."""
     store = PatchStore(job.directory)
     left, right = (store.read_array("operator", index) for index in (merge.left, merge.right))
-    schur, inside = merge_operators(left, right, merge)
+    schur, inside, factor = merge_operators(left, right, merge)
     store.write_array("operator", merge.result, schur)
     store.write_array("inside", merge.result, inside)
+    store.write_array("pivot", merge.result, factor)
 
 
 def extend_inside_task(job: Job, item: tuple[int, Positions]) -> Positions:
     """Values on the seams inside a stored union, from those around it."""
     index, values = item
     return extend_inside(PatchStore(job.directory).read_array("inside", index), values)
+
+
+def reduce_inside_task(job: Job, item: tuple[int, ComplexArray]) -> ComplexArray:
+    """Load on what is kept of a stored union that does what a load on the eliminated vertices does."""
+    index, load = item
+    inside = PatchStore(job.directory).read_array("inside", index)
+    return np.asarray(inside.T @ load.real + 1j * (inside.T @ load.imag), np.complex128)
+
+
+def solve_inside_task(job: Job, item: tuple[int, ComplexArray, ComplexArray]) -> ComplexArray:
+    """Values on the seams inside a stored union, from those around it and the load there."""
+    index, values, load = item
+    store = PatchStore(job.directory)
+    inside: ComplexArray = extend_inside(store.read_array("inside", index), values)
+    return inside + solve_inside(store.read_array("pivot", index), load)
+
+
+def _with_factor(job: Job, index: int, kept: IntArray, use: Callable[[DirichletFactor], ComplexArray]) -> ComplexArray:
+    """Use a stored patch's factor, from where it is held here or made anew, and keep it."""
+    factor = _FACTORS.take((job.run, index))
+    if factor is None:
+        factor = factor_patch(PatchStore(job.directory).read_patch(index), job.backend, kept)
+    out = use(factor)
+    _FACTORS.put((job.run, index), factor, job.factor_cache_bytes)
+    return out
+
+
+def reduce_task(job: Job, item: tuple[int, IntArray, ComplexArray]) -> ComplexArray:
+    """Load on a stored patch's kept vertices (n_K,) that does what a load (Vp,) in its interior does."""
+    index, kept, load = item
+    return _with_factor(job, index, kept, lambda factor: factor.reduce(load))
+
+
+def solve_load_task(job: Job, item: tuple[int, IntArray, ComplexArray, ComplexArray]) -> None:
+    """Values of a stored patch with a load (Vp,) in its interior and values (n_K,) on kept vertices; they go to the store."""
+    index, kept, load, values = item
+    solved = _with_factor(job, index, kept, lambda factor: factor.solve(load, values))
+    PatchStore(job.directory).write_array("values", index, solved)
 
 
 def flatten_whole_task(job: Job, item: tuple[int, FloatArray]) -> ComplexArray:

@@ -208,7 +208,8 @@ class Quality:
 
     Angles in degrees of |angle in the map - angle on the surface| (PGCP eq. 5.1); ``log_area_mean`` is the mean
     of |d_area| (PGCP eq. 6.1); folds counts faces whose signed area in the map is not positive, on the sphere seen from
-    outside. degree: how often a sphere is covered, None in the plane.
+    outside. degree: how often a sphere is covered, None in the plane. conformal_energy: of a disk map, E_C = 1/2 f* L f less
+    the area of the image, with the surface's cotangent Laplacian L (CCEM eq. 2.4), None elsewhere.
     """
 
     angle_mean_deg: float
@@ -221,6 +222,7 @@ class Quality:
     folds: int
     log_area_mean: float
     degree: float | None = None
+    conformal_energy: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

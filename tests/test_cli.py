@@ -113,6 +113,7 @@ OPTION_RUNS = [
     "--target disk --centre 100 --output-dir {folder}/out",
     "--target free --moebius area --output-dir {folder}/out",
     "--no-overlap --repairs relax,untangle --output-dir {folder}/out",
+    "--method ccem --output-dir {folder}/out",
     "--seams exact --target disk --output-dir {folder}/out",
     "--seams relax --flatten scp --output-dir {folder}/out",
 ]

@@ -268,6 +268,47 @@ def test_a_boundary_that_crosses_itself_is_exact_in_the_plane_and_welded_on_the_
     assert pgcp.parameterize(mesh, patches=3).report["overlap"]["crossings"] == 0
 
 
+@pytest.mark.parametrize("count", [1, 5, 9])
+def test_loads_are_reduced_and_solved_as_by_one_factor(count, tmp_path):
+    mesh = OPEN["hills"]
+    kept = kept_of(mesh)
+    whole = eliminate_interior(cotangent_laplacian(mesh.vertices, mesh.faces), kept)
+    factor, _, _ = patchwise(mesh, count, tmp_path, kept)
+    rng = np.random.default_rng(1)
+    load = rng.normal(size=len(mesh.vertices)) + 1j * rng.normal(size=len(mesh.vertices))
+    values = rng.normal(size=len(kept)) + 0j
+    assert np.abs(factor.reduce(load) - whole.reduce(load)).max() < 1e-12
+    assert np.abs(factor.solve(load, values) - whole.solve(load, values)).max() < 1e-12
+    factor.release()
+    assert list(tmp_path.glob("*.npy")) == []
+
+
+@pytest.mark.parametrize("method", ["dncp", "scp", "cdcp", "cem", "ccem"])
+def test_methods_of_the_undivided_mesh_do_not_depend_on_the_cuts(method):
+    mesh = OPEN["hills"]
+    results = [pgcp.parameterize(mesh, patches=count, method=method) for count in (1, 3, 7)]
+    for result in results:
+        assert np.abs(result.coordinates - results[0].coordinates).max() < 1e-9 * np.ptp(results[0].coordinates)
+        assert result.target == ("free" if method in ("dncp", "scp") else "disk")
+    report = results[-1].report
+    assert report["options"]["method"] == method
+    assert len(report["interface"]["levels"]) > 1
+    iterations = report["iterations"]
+    assert (len(iterations) > 0) == (method in ("cem", "ccem"))
+    energy = report["quality"]["conformal_energy"]
+    assert (energy is None) == (results[0].target == "free")
+    if method == "ccem":
+        assert energy == pytest.approx(min(step["energy"] for step in iterations), rel=1e-6)
+        assert energy <= pgcp.parameterize(mesh, patches=3, method="cem").quality.conformal_energy
+
+
+def test_cdcp_is_corrected_unless_that_is_left_out():
+    mesh = OPEN["hills"]
+    corrected, plain = (pgcp.parameterize(mesh, method="cdcp", moebius=m).quality for m in ("auto", "none"))
+    assert corrected.angle_mean_deg <= plain.angle_mean_deg
+    assert corrected.angle_mean_deg < 1.05 * pgcp.parameterize(mesh, target="disk").quality.angle_mean_deg
+
+
 def test_what_cannot_be_done_is_refused(hills):
     with pytest.raises(pgcp.InputError, match="seams cannot be relaxed on a sphere"):
         pgcp.parameterize(icosphere(2), patches=2, seams="relax")

@@ -141,20 +141,36 @@ def _draw_histogram(axes: Any, result: Parameterization) -> None:
     axes.set_title(f"{text}; folds {quality.folds}", fontsize=9)
 
 
+def _draw_descent(axes: Any, iterations: list[dict[str, Any]]) -> None:
+    """Conformal energy, and the norm of its gradient, by iteration."""
+    energies = [step["energy"] for step in iterations]
+    axes.plot(energies, color="#29528c", marker=".", label="conformal energy")
+    axes.set_xlabel("iteration", fontsize=8)
+    axes.tick_params(labelsize=7)
+    other = axes.twinx()
+    other.semilogy([max(step["gradient_norm"], 1e-300) for step in iterations], color="#b5442c", linewidth=1)
+    other.tick_params(labelsize=7)
+    axes.set_title(f"conformal energy (blue) {energies[-1]:.6g}, gradient's norm (red)", fontsize=9)
+
+
 def draw(result: Parameterization) -> bytes:
     """PNG bytes of the picture."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     on_sphere = result.target == "sphere"
-    figure = Figure(figsize=(20 if on_sphere else 15, 5.2), dpi=110, layout="constrained")
+    iterations = result.report.get("iterations", [])
+    count = 4 if on_sphere or iterations else 3
+    figure = Figure(figsize=(5 * count, 5.2), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
-    first, *maps, last = figure.subplots(1, 4 if on_sphere else 3)
+    first, *maps, last = figure.subplots(1, count)
     _draw_surface(first, result)
     if on_sphere:
         _draw_sphere(maps[0], maps[1], result)
     else:
         _draw_map(maps[0], result)
+    if iterations:
+        _draw_descent(maps[1], iterations)
     _draw_histogram(last, result)
     mark = "" if result.quality.folds == 0 else f"  -  FOLDED: {result.quality.folds} faces"
     figure.suptitle(f"{result.mesh.name}{mark}", fontsize=11, color="black" if not mark else "#b5442c")
