@@ -13,7 +13,7 @@ from pgcp.by_interface import map_exactly, map_to_disk
 from pgcp.by_welds import flatten, solve, weld
 from pgcp.correct import Correction, correct
 from pgcp.curves import crossings
-from pgcp.errors import NumericalError, SolveFailedError, WeldFailedError
+from pgcp.errors import CrowdedError, NumericalError, SolveFailedError, WeldFailedError
 from pgcp.io import read_cuts
 from pgcp.options import DISK_METHODS
 from pgcp.repair import Repaired, Surroundings, embedding_alone, repair_folds
@@ -218,8 +218,9 @@ class Outcome:
     fallback: dict[str, str] | None = None
 
 
-def _alone(run: Run, target: str) -> Finished:
+def _alone(run: Run, failures: list[dict[str, Any]], reason: str) -> Outcome:
     """The whole mesh embedded at once, without welds: free of folds, but hardly conformal."""
+    target = "sphere" if run.target == "sphere" else "disk"
     here = _surroundings(run, target)
     everything = np.arange(len(run.mesh.faces))
     with run.clock.stage("embed"):
@@ -228,7 +229,8 @@ def _alone(run: Run, target: str) -> Finished:
     none = np.empty(0, np.int64)
     nowhere = SeamPositions(none, repaired.points[none])
     mapped = Mapped(parts, target, [], [], nowhere, repaired.points, np.zeros(len(everything), np.complex128))
-    return Finished(mapped, replace(repaired, touched=everything))
+    done = Finished(mapped, replace(repaired, touched=everything))
+    return Outcome(done, failures, None, {"from": run.target, "to": f"{target} (embedding)", "reason": reason})
 
 
 def _to_disk(run: Run, mapped: Mapped) -> Mapped:
@@ -248,8 +250,8 @@ def map_mesh(run: Run) -> Outcome:
     """Map a mesh to its target.
 
     A free map that is left with folds, or with overlaps where none are wanted, gives way to the map to the disk from the
-    same welds, whose boundary is convex. Where all welds fail the mesh is embedded as a whole. A disk method of its own has
-    no other to give way to. Raises NumericalError where there is no map, or none without overlaps.
+    same welds, whose boundary is convex. Where all welds fail, or the disk has no room, the mesh is embedded as a whole. A
+    disk method of its own has no other to give way to. Raises NumericalError where there is no map, or none without overlaps.
     """
     failures: list[dict[str, Any]] = []
     if run.options.method in DISK_METHODS:
@@ -258,12 +260,10 @@ def map_mesh(run: Run) -> Outcome:
         return Outcome(_embedded(run, _finish(run, map_to_disk(run, parts))), failures)
     try:
         done = _map_with_retries(run, failures)
-    except (WeldFailedError, SolveFailedError) as problem:
+    except (WeldFailedError, SolveFailedError, CrowdedError) as problem:
         if "embed" not in run.options.repairs:
             raise
-        done = _alone(run, "sphere" if run.target == "sphere" else "disk")
-        to = f"{done.mapped.target} (embedding)"
-        return Outcome(done, failures, None, {"from": run.target, "to": to, "reason": str(problem)})
+        return _alone(run, failures, str(problem))
     return Outcome(done, failures) if run.target != "free" else _free_or_disk(run, done, failures)
 
 
@@ -276,10 +276,8 @@ def _free_or_disk(run: Run, done: Finished, failures: list[dict[str, Any]]) -> O
     reason = f"the boundary crosses itself {overlap['crossings']} times" if unwanted else f"{done.folds} folds are left"
     try:
         disk = _embedded(run, _finish(run, _to_disk(run, done.mapped)))
-    except NumericalError:
-        if unwanted:
+    except NumericalError as problem:
+        if unwanted and not done.folds:
             raise
-        return Outcome(done, failures, overlap)
-    if disk.folds >= done.folds > 0 and not unwanted:
-        return Outcome(done, failures, overlap)
+        return _alone(run, failures, f"{reason}, and to the disk {problem}")
     return Outcome(disk, failures, None, {"from": "free", "to": "disk", "reason": reason})

@@ -139,6 +139,7 @@ class _Signals(AbstractContextManager["_Signals"]):
     def __init__(self) -> None:
         self._before: dict[int, Any] = {}
         self.name = "SIGINT"
+        self.received = False
 
     def __enter__(self) -> _Signals:
         if threading.current_thread() is threading.main_thread():
@@ -158,7 +159,7 @@ class _Signals(AbstractContextManager["_Signals"]):
 
     def _stop(self, number: int, _frame: object) -> None:
         self._set(signal.SIG_IGN)
-        self.name = signal.Signals(number).name
+        self.name, self.received = signal.Signals(number).name, True
         raise KeyboardInterrupt
 
     @contextmanager
@@ -330,6 +331,11 @@ def _refused(problem: Exception, status: int, as_json: bool) -> int:
     return status
 
 
+def _stopped(signals: _Signals) -> int:
+    print(f"pgcp-run: {_STOPPED[signals.name]}; nothing was written", file=sys.stderr)
+    return 128 + getattr(signal, signals.name)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     arguments = build_parser().parse_args(argv)
@@ -341,9 +347,10 @@ def main(argv: Sequence[str] | None = None) -> int:
                 raise
             return _refused(problem, BAD_INPUT if isinstance(problem, InputError) else NUMERICAL, arguments.json)
         except KeyboardInterrupt:
-            print(f"pgcp-run: {_STOPPED[signals.name]}; nothing was written", file=sys.stderr)
-            return 128 + getattr(signal, signals.name)
+            return _stopped(signals)
         except Exception as problem:
+            if signals.received:  # compiled code makes another exception of the interrupt
+                return _stopped(signals)
             if arguments.debug:
                 raise
             if isinstance(problem, OSError) and problem.errno in _SYSTEM:

@@ -330,6 +330,25 @@ def test_bars_are_drawn_on_a_terminal_and_nowhere_else(folder):
     assert run(folder / "hills.obj", "--patches", "3").stderr == ""
 
 
+def test_an_interrupt_that_compiled_code_turns_into_an_error_is_one(folder, monkeypatch, capsys):
+    from pgcp import pipeline
+
+    def interrupted(*_):
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(10)
+        except KeyboardInterrupt as problem:
+            raise SystemError("returned a result with an exception set") from problem
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    monkeypatch.setattr(pipeline, "compute", interrupted)
+    try:
+        assert main([str(folder / "hills.obj")]) == 130
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert capsys.readouterr().err == "pgcp-run: interrupted; nothing was written\n"
+
+
 @pytest.mark.parametrize("workers", ["0", "2"])
 def test_an_interrupt_stops_cleanly_and_leaves_no_process(workers, tmp_path):
     pgcp.write_mesh(tmp_path / "big.ply", lifted(grid(420)))

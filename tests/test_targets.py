@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from meshes import cap, grid, icosphere, lifted, spheroid, tetrahedron
@@ -189,9 +191,14 @@ def test_a_strip_with_ends_at_the_limit_is_spread_out():
 
 
 @pytest.mark.parametrize("length", [200, 2000])
-def test_a_strip_longer_than_numbers_can_tell_is_refused_with_the_reason(length):
+def test_a_strip_longer_than_numbers_can_tell_is_embedded_and_the_reason_said(length):
+    result = pgcp.compute(grid(4, length), pgcp.Options(patches=4, target="disk"))
+    assert (result.target, result.quality.folds) == ("disk", 0)
+    fallback = result.report["fallback"]
+    assert (fallback["from"], fallback["to"]) == ("disk", "disk (embedding)")
+    assert re.search(r"so long and thin .* target free can map it", fallback["reason"])
     with pytest.raises(CrowdedError, match=r"so long and thin .* target free can map it"):
-        pgcp.compute(grid(4, length), pgcp.Options(patches=4, target="disk"))
+        pgcp.compute(grid(4, length), pgcp.Options(patches=4, target="disk", repairs=()))
 
 
 def test_the_last_weld_of_a_closed_surface_joins_whole_boundaries():
