@@ -21,10 +21,21 @@ from pgcp.puncture import Opened, charts_of, close_on_sphere, close_region, open
 from pgcp.run import Mapped, Parts, Run, gathered, spread_out
 from pgcp.split import outer_edges, plan_welds
 from pgcp.tasks import SolveReport
-from pgcp.types import BoundaryCurve, ComplexArray, Component, Positions, SeamPositions
+from pgcp.types import BoundaryCurve, ComplexArray, Component, IntArray, Positions, SeamPositions
 from pgcp.weld import start_component, subdivide
 
 _MINIMISE = {"cem": cem_map, "ccem": ccem_map}
+
+
+def _eliminated(run: Run, parts: Parts, kept: IntArray) -> InterfaceFactor:
+    """The whole mesh's Laplacian with all but some vertices eliminated."""
+    plan = plan_welds(parts.split.table, parts.split.patch_count, not run.topology.loops)
+    factor = InterfaceFactor(run.executor, parts.job, parts.patches, plan, kept, len(run.mesh.vertices))
+    with run.clock.stage("eliminate"):
+        factor.eliminate_patches()
+    with run.clock.stage("merge"):
+        factor.merge()
+    return factor
 
 
 def map_exactly(run: Run, parts: Parts, target: str) -> Mapped:
@@ -32,12 +43,7 @@ def map_exactly(run: Run, parts: Parts, target: str) -> Mapped:
     mesh, clock = run.mesh, run.clock
     opened = open_at(mesh, puncture_face(mesh)) if target == "sphere" else None
     kept = run.boundary if opened is None else opened.kept
-    plan = plan_welds(parts.split.table, parts.split.patch_count, target == "sphere")
-    factor = InterfaceFactor(run.executor, parts.job, parts.patches, plan, kept, len(mesh.vertices))
-    with clock.stage("eliminate"):
-        factor.eliminate_patches()
-    with clock.stage("merge"):
-        factor.merge()
+    factor = _eliminated(run, parts, kept)
     with clock.stage("flatten"):
         z = factor.opened_positions() if target == "sphere" else factor.free_boundary(mesh.vertices[kept])
     with clock.stage("constrain"):
@@ -59,12 +65,7 @@ def map_exactly(run: Run, parts: Parts, target: str) -> Mapped:
 def map_to_disk(run: Run, parts: Parts) -> Mapped:
     """CDCP, CEM or CCEM of the whole mesh, by the interface operator."""
     mesh, clock, loop = run.mesh, run.clock, run.boundary
-    plan = plan_welds(parts.split.table, parts.split.patch_count)
-    factor = InterfaceFactor(run.executor, parts.job, parts.patches, plan, loop, len(mesh.vertices))
-    with clock.stage("eliminate"):
-        factor.eliminate_patches()
-    with clock.stage("merge"):
-        factor.merge()
+    factor = _eliminated(run, parts, loop)
     with clock.stage("centre"):
         centre = central_face(mesh.vertices, mesh.faces, late_heat(loop, len(mesh.vertices), factor))
     iterations: tuple[dict[str, Any], ...] = ()
