@@ -86,3 +86,37 @@ def test_the_checkerboard_of_a_sphere_has_even_squares_of_one_size():
     assert len(runs) in (32, 64)
     assert np.ptp(np.diff(runs)) <= 2
     assert (runs[0] + 4000 - runs[-1]) - np.diff(runs)[0] <= 2
+
+
+def script(name, *words):
+    return subprocess.run([sys.executable, ROOT / "scripts" / name, *words], capture_output=True, text=True, check=True)
+
+
+def test_the_matrix_counts_runs_and_resumes(tmp_path):
+    mesh, _ = cap(6)
+    pgcp.write_mesh(tmp_path / "cap.ply", mesh)
+    words = (tmp_path / "cap.ply", "--patches", "1,300", "--seeds", "0,1", "--output", tmp_path / "out.tsv")
+    done = script("matrix.py", *words)
+    rows = [line.split("\t") for line in done.stdout.splitlines()]
+    assert [row[1:4] for row in rows] == [[t, k, s] for t in ("free", "disk") for k in ("1", "300") for s in ("0", "1")]
+    assert [row[6] for row in rows] == ["weld", "weld", "failed", "failed"] * 2
+    assert all(row[5] == "0" for row in rows if row[6] != "failed")
+    assert "300 patches were asked for" in rows[2][9]
+    assert "8 runs:" in done.stderr
+    assert "failed 4" in done.stderr
+    again = script("matrix.py", *words)
+    assert again.stdout == ""
+    assert again.stderr == done.stderr
+
+
+def test_seams_are_compared(tmp_path):
+    mesh, _ = cap(6)
+    pgcp.write_mesh(tmp_path / "cap.ply", mesh)
+    words = (tmp_path / "cap.ply", "--targets", "free", "--patches", "3", "--plot", tmp_path / "plot.png")
+    header, *rows = (line.split("\t") for line in script("seams.py", *words).stdout.splitlines())
+    assert header[3:7] == ["seams", "mean_deg", "near_deg", "elsewhere_deg"]
+    assert [row[3] for row in rows] == ["weld", "relax", "exact"]
+    for row in rows:
+        mean, near, elsewhere = (float(x) for x in row[4:7])
+        assert min(near, elsewhere) <= mean <= max(near, elsewhere)
+    assert (tmp_path / "plot.png").read_bytes()[:4] == b"\x89PNG"
