@@ -51,7 +51,7 @@ def build_parser() -> argparse.ArgumentParser:
         "--repairs",
         default="all",
         metavar="LIST",
-        help="which tiers may take folds away, in this order: all, none, or some of " + ", ".join(REPAIRS),
+        help="which tiers may take folds away: all, none, or some of " + ", ".join(REPAIRS),
     )
     parser.add_argument(
         "--no-overlap", action="store_true", help="where a free map overlaps itself, map to the disk instead, and say so"
@@ -208,7 +208,8 @@ def _counted(count: int, one: str, many: str) -> str:
 
 def _notes(report: dict[str, Any]) -> str:
     """Lines on what a user should know of a map beside its quality."""
-    lines = [f"repaired by {r['method']}: {r['folds_before']} folds to {r['folds_after']}" for r in report["repairs"]]
+    helped = [r for r in report["repairs"] if r["folds_after"] < r["folds_before"]]
+    lines = [f"repaired by {r['method']}: {r['folds_before']} folds to {r['folds_after']}" for r in helped]
     if report["fallback"]:
         lines.append(
             f"instead of {report['fallback']['from']}, mapped to {report['fallback']['to']}: {report['fallback']['reason']}"

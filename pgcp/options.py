@@ -30,7 +30,7 @@ class Options:
     no disks; method: pgcp, or dncp, scp (free boundary), cdcp, cem, ccem (disk) of the undivided mesh; flatten: dncp or scp;
     seams: weld, relax (welded boundary held, seams solved) or exact (no weld); backend: auto,
     pardiso or superlu; seed: of the partition; store: directory shared with the workers; repairs: which tiers may take folds
-    away, in this order; no_overlap: where a free map overlaps itself, map to the disk instead; factor_cache_bytes: what
+    away; no_overlap: where a free map overlaps itself, map to the disk instead; factor_cache_bytes: what
     factors one process may keep between the passes; fix: repair the topology of a mesh that the target does not fit.
     """
 

@@ -88,10 +88,13 @@ def fold_message(result: Parameterization) -> str:
     folded = find_folds(result.mesh.faces, points)
     where = ", ".join(str(f) for f in folded[:5].tolist()) + (", ..." if len(folded) > 5 else "")
     patches = np.unique(result.patch[folded]).tolist()
-    tried = ", ".join(f"{r['method']} ({r['folds_before']} to {r['folds_after']})" for r in result.report["repairs"])
+    repairs = result.report["repairs"]
+    least = {r["method"]: min(s["folds_after"] for s in repairs if s["method"] == r["method"]) for r in repairs}
+    steps = ", ".join(f"{method} (to {folds})" for method, folds in least.items())
+    tried = f"{steps} of {repairs[0]['folds_before']}" if repairs else "none"
     return (
         f"the map has {len(folded)} folded faces of {len(result.mesh.faces)}: faces {where} in "
-        f"{'patch' if len(patches) == 1 else 'patches'} {', '.join(map(str, patches[:5]))}; repairs tried: {tried or 'none'}"
+        f"{'patch' if len(patches) == 1 else 'patches'} {', '.join(map(str, patches[:5]))}; repairs tried: {tried}"
     )
 
 

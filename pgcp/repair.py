@@ -1,12 +1,13 @@
 """Repair the folds of a finished map, tier by tier, each with more power and less regard for the rest than the one before.
 
-    relax     the harmonic map of the surroundings of a fold, seams included (PGCP eq. 4.22), out to the whole mesh
+    relax     the harmonic map of the surroundings of a fold, seams included (PGCP eq. 4.22)
     compose   composition with the quasi-conformal map that takes folds away (PGCP section 3.5, eq. 3.16)
     average   as relax, with positive weights, which cannot fold in a convex rim (Tutte 1963, Floater 2003)
     untangle  vertices around a fold are moved one by one to where the faces around them are best (Freitag, Plassmann 2000)
     embed     disk and sphere: a map that cannot fold, drawn back towards the folded one wherever that folds nothing
 
-What a tier does is kept only where fewer folds are left.
+The first three go over narrow surroundings of the folds first, then over wider ones, and after untangling over the whole mesh
+with its outer boundary held. What a tier does is kept only where fewer folds are left.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from pgcp.untangle import untangle
 
 _RINGS = (3, 12, 48)
 _UNTANGLE_RINGS = 8
+_EVERYTHING = -1
 _SHORTEST = 1e-6
 _SOLVERS: dict[str, Callable[[Mesh, Region, ComplexArray, float, str], ComplexArray]] = {
     "relax": relaxed,
@@ -35,9 +37,10 @@ _SOLVERS: dict[str, Callable[[Mesh, Region, ComplexArray, float, str], ComplexAr
 
 @dataclass(frozen=True, slots=True)
 class Repair:
-    """What a tier did: folds before and after, vertices moved."""
+    """What a tier did: folds before and after, vertices moved; within so many rings of the folds, -1 for the whole mesh."""
 
     method: str
+    rings: int
     folds_before: int
     folds_after: int
     moved_vertices: int
@@ -76,28 +79,25 @@ def _improved(here: Surroundings, region: Region, points: Positions, method: str
     return moved if np.isfinite(z).all() else None
 
 
-def _repaired_around(here: Surroundings, points: Positions, folded: IntArray, method: str) -> Positions:
-    """Apply a local tier around the folds, in wider and wider surroundings where narrow ones do not do."""
+def _repaired_around(here: Surroundings, points: Positions, folded: IntArray, method: str, rings: int) -> Positions:
+    """Apply a local tier to all faces within so many rings of the folds, each connected part by itself."""
     faces = here.mesh.faces
-    fixed = here.fixed(method)
-    widest = 0
-    for rings in (_UNTANGLE_RINGS,) if method == "untangle" else (*_RINGS, len(faces)):
-        regions = regions_around(faces, folded, rings, fixed)
-        size = sum(len(region.faces) for region in regions)
-        if size == widest:
-            break
-        widest = size
-        for region in regions:
-            moved = _improved(here, region, points, method)
-            before = points[region.vertex_ids]
-            if moved is None or len(find_folds(region.faces, moved)) >= len(find_folds(region.faces, before)):
-                continue
+    for region in regions_around(faces, folded, len(faces) if rings == _EVERYTHING else rings, here.fixed(method)):
+        before = points[region.vertex_ids]
+        moved = _improved(here, region, points, method)
+        if moved is not None and len(find_folds(region.faces, moved)) < len(find_folds(region.faces, before)):
             points = points.copy()
             points[region.vertex_ids] = moved
-        folded = find_folds(here.mesh.bare.faces, points)
-        if len(folded) == 0:
-            break
     return points
+
+
+def _steps(methods: tuple[str, ...]) -> list[tuple[str, int]]:
+    """The tiers in the order they are applied, each with how far it reaches."""
+    local = [method for method in methods if method in _SOLVERS]
+    steps = [(method, rings) for rings in _RINGS for method in local]
+    steps += [(method, _UNTANGLE_RINGS) for method in methods if method == "untangle"]
+    steps += [(method, _EVERYTHING) for method in local]
+    return steps + [(method, _EVERYTHING) for method in methods if method == "embed"]
 
 
 def _safe(here: Surroundings, points: Positions, uniform: bool) -> Positions | None:
@@ -164,7 +164,7 @@ class Repaired:
 
 
 def repair_folds(here: Surroundings, points: Positions, methods: tuple[str, ...]) -> Repaired:
-    """Take folds away with the given tiers, one after the other until none is left.
+    """Take folds away with the given tiers, until none is left.
 
     points: complex (V,) in the plane or unit vectors (V, 3). No tier is called, and nothing recorded, where there is no
     fold; folds of filler do not count.
@@ -174,19 +174,19 @@ def repair_folds(here: Surroundings, points: Positions, methods: tuple[str, ...]
     folded = find_folds(faces, points)
     before = len(folded)
     records: list[Repair] = []
-    for method in methods:
+    for method, rings in _steps(methods):
         if len(folded) == 0:
             break
         if method == "embed" and here.target == "free":
             continue
-        tried = _embedded(here, points) if method == "embed" else _repaired_around(here, points, folded, method)
+        tried = _embedded(here, points) if method == "embed" else _repaired_around(here, points, folded, method, rings)
         left = find_folds(faces, tried)
-        moved = int((tried != points).reshape(len(points), -1).any(axis=1).sum())
         if len(left) < len(folded):
-            records.append(Repair(method, len(folded), len(left), moved))
+            moved = int((tried != points).reshape(len(points), -1).any(axis=1).sum())
+            records.append(Repair(method, rings, len(folded), len(left), moved))
             points, folded = tried, left
         else:
-            records.append(Repair(method, len(folded), len(folded), 0))
+            records.append(Repair(method, rings, len(folded), len(folded), 0))
     changed = (points != start).reshape(len(points), -1).any(axis=1)
     touched = np.flatnonzero(changed[faces].any(axis=1))
     return Repaired(points, touched, records, before, len(folded))

@@ -250,7 +250,7 @@ def test_folds_give_status_3_and_marked_results(folder, monkeypatch, capsys):
     assert main([str(folder / "hills.obj"), "--repairs", "untangle"]) == 3
     message = capsys.readouterr().err
     assert re.search(r"the map has 384 folded faces of 384: faces 0, 1, 2, 3, 4, \.\.\. in patches 0, 1, 2", message)
-    assert "repairs tried: untangle (384 to 384)" in message
+    assert "repairs tried: untangle (to 384) of 384" in message
     assert json.loads((folder / "hills_pgcp" / "report.json").read_text())["status"] == "folded"
 
 

@@ -42,10 +42,10 @@ def test_local_folds_are_repaired_and_the_rest_keeps(seed, method):
     assert len(before) > 0
     done = repair_folds(surroundings(mesh), bad, (method,))
     assert done.folds == len(find_folds(mesh.faces, done.points)) == 0
-    (record,) = done.records
     changed = np.flatnonzero(done.points != bad)
-    assert (record.method, record.folds_before, record.folds_after) == (method, len(before), 0)
-    assert record.moved_vertices == len(changed) < 200
+    assert {record.method for record in done.records} == {method}
+    assert (done.records[0].folds_before, done.records[-1].folds_after) == (len(before), 0)
+    assert 0 < done.records[-1].moved_vertices <= len(changed) < 200
     assert np.array_equal(done.touched, np.flatnonzero(np.isin(mesh.faces, changed).any(axis=1)))
 
 
@@ -92,7 +92,11 @@ def test_what_cannot_be_repaired_is_said():
     z = (mesh.vertices[:, 0] + 1j * mesh.vertices[:, 1]).conj()
     done = repair_folds(surroundings(mesh), z, REPAIRS)
     assert done.folds == len(mesh.faces)
-    assert [(r.method, r.folds_after) for r in done.records] == [(m, len(mesh.faces)) for m in REPAIRS[:-1]]
+    local = list(REPAIRS[:3])
+    assert [(r.method, r.rings) for r in done.records] == [
+        *((m, rings) for rings in (3, 12, 48) for m in local), ("untangle", 8), *((m, -1) for m in local)
+    ]  # fmt: skip
+    assert {r.folds_after for r in done.records} == {len(mesh.faces)}
     assert np.array_equal(done.points, z)
 
 
@@ -209,9 +213,9 @@ def test_each_tier_is_needed_somewhere_and_its_absence_is_reported(mesh, target,
     with pytest.raises(FoldError, match=r"folded faces of (392|364|384): face") as caught:
         pgcp.parameterize(mesh, patches=1, target=target, repairs=tiers[:-1], seams="exact")
     report = caught.value.result.report
-    assert [r["method"] for r in report["repairs"]] == list(tiers[:-1])
+    assert {r["method"] for r in report["repairs"]} == set(tiers[:-1])
     assert report["status"] == "folded"
-    assert str(caught.value).endswith("none" if not tiers[:-1] else ")")
+    assert ("repairs tried: none" in str(caught.value)) == (not tiers[:-1])
 
 
 def scrambled(_mesh, _parts, target):
@@ -231,7 +235,7 @@ def test_the_last_tier_takes_away_what_no_other_does(monkeypatch):
     assert result.quality.degree == pytest.approx(1.0)
     assert result.report["fallback"]["to"] == "sphere (embedding)"
     assert [r["route"] for r in result.report["retries"]] == [0.0, 1.0, "exact", 0.0]
-    with pytest.raises(FoldError, match=r"untangle \(\d+ to \d+\)$"):
+    with pytest.raises(FoldError, match=r"untangle \(to \d+\) of \d+$"):
         pgcp.parameterize(mesh, patches=3, repairs=REPAIRS[:-1])
 
 
