@@ -13,7 +13,7 @@ from pgcp.by_interface import map_exactly, map_to_disk
 from pgcp.by_welds import flatten, solve, weld
 from pgcp.correct import Correction, correct
 from pgcp.curves import crossings
-from pgcp.errors import CrowdedError, NumericalError, SolveFailedError, WeldFailedError
+from pgcp.errors import CrowdedError, NumericalError, PartitionInputError, SolveFailedError, WeldFailedError
 from pgcp.io import read_cuts
 from pgcp.options import DISK_METHODS
 from pgcp.repair import Repaired, Surroundings, embedding_alone, repair_folds
@@ -27,7 +27,9 @@ _LISTED = 10
 _FOLDED_MAPS = 2
 _FEW_FOLDS = 50
 _FEW_FRACTION = 0.005
-_Attempt = tuple[int, str | float, Mapped | WeldFailedError | SolveFailedError]
+_Problem = WeldFailedError | SolveFailedError | CrowdedError | PartitionInputError
+_PROBLEMS = (WeldFailedError, SolveFailedError, CrowdedError)
+_Attempt = tuple[dict[str, Any], Mapped | _Problem]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,6 +82,11 @@ def _surroundings(run: Run, target: str) -> Surroundings:
     return Surroundings(run.mesh, target, run.boundary, run.mollification, run.job.backend)
 
 
+def _local(run: Run) -> tuple[str, ...]:
+    """The tiers of repair but the last."""
+    return tuple(method for method in run.options.repairs if method != "embed")
+
+
 def _finish(run: Run, mapped: Mapped) -> Finished:
     """Correct a map and repair its folds, but for the last tier: another weld may do better.
 
@@ -88,11 +95,10 @@ def _finish(run: Run, mapped: Mapped) -> Finished:
     with run.clock.stage("correct"):
         points, correction = _corrected(run, mapped.points, mapped.target)
     here = _surroundings(run, mapped.target)
-    local = tuple(m for m in run.options.repairs if m != "embed")
     with run.clock.stage("repair"):
-        repaired = repair_folds(here, points, local)
+        repaired = repair_folds(here, points, _local(run))
         if repaired.folds and correction is not None and correction.share:
-            repaired = repair_folds(here, mapped.points, local)
+            repaired = repair_folds(here, mapped.points, _local(run))
             correction = correction.undone()
     return Finished(mapped, repaired, correction)
 
@@ -128,7 +134,13 @@ def _maps(run: Run, count: int, seeds: range, cuts: IntArray | None, failures: l
         exact_is_new = all(failure["route"] != "exact" for failure in failures)
         if _are_enough(failures, count) and not exact_is_new:
             return
-        parts = store_parts(run, count, seed, cuts, f"{count}-{seed}")
+        try:
+            parts = store_parts(run, count, seed, cuts, f"{count}-{seed}")
+        except PartitionInputError as problem:
+            if not failures:
+                raise
+            yield {"patches": count, "seed": seed, "route": "split"}, problem
+            continue
         if run.exact_first:
             yield _exact_map(run, parts)
         yield from _welded_maps(run, parts, failures)
@@ -141,11 +153,15 @@ def _are_enough(failures: list[dict[str, Any]], count: int) -> bool:
     return sum(f["patches"] == count and f["folds"] is not None for f in failures) >= _FOLDED_MAPS
 
 
+def _note(parts: Parts, route: str | float) -> dict[str, Any]:
+    return {"patches": parts.split.patch_count, "seed": parts.seed, "route": route}
+
+
 def _exact_map(run: Run, parts: Parts) -> _Attempt:
     try:
-        return parts.seed, "exact", map_exactly(run, parts, run.target)
-    except (WeldFailedError, SolveFailedError) as problem:
-        return parts.seed, "exact", problem
+        return _note(parts, "exact"), map_exactly(run, parts, run.target)
+    except _PROBLEMS as problem:
+        return _note(parts, "exact"), problem
 
 
 def _welded_maps(run: Run, parts: Parts, failures: list[dict[str, Any]]) -> Iterator[_Attempt]:
@@ -154,8 +170,8 @@ def _welded_maps(run: Run, parts: Parts, failures: list[dict[str, Any]]) -> Iter
         return
     try:
         curves = flatten(run, parts)
-    except (WeldFailedError, SolveFailedError) as problem:
-        yield parts.seed, "flatten", problem
+    except _PROBLEMS as problem:
+        yield _note(parts, "flatten"), problem
         return
     pieces = [c.pieces for c in curves]
     for order, plan in plans(parts.split, closed=not run.topology.loops):
@@ -163,9 +179,11 @@ def _welded_maps(run: Run, parts: Parts, failures: list[dict[str, Any]]) -> Iter
             return
         try:
             union, welds = weld(run, parts, curves, plan)
-            yield parts.seed, order, solve(run, parts, pieces, plan, union, welds, run.target)
-        except (WeldFailedError, SolveFailedError) as problem:
-            yield parts.seed, order, problem
+            yield _note(parts, order), solve(run, parts, pieces, plan, union, welds, run.target)
+        except _PROBLEMS as problem:
+            yield _note(parts, order), problem
+            if isinstance(problem, CrowdedError):  # the map to the disk is unique: another order gives the same gaps
+                return
 
 
 def _cuts(run: Run) -> IntArray | None:
@@ -181,12 +199,12 @@ def _map_with_retries(run: Run, failures: list[dict[str, Any]]) -> Finished:
     """
     cuts = _cuts(run)
     best: Finished | None = None
-    problem: WeldFailedError | SolveFailedError | None = None
+    problem: _Problem | None = None
     for count, seeds in _choices(run):
-        for seed, route, mapped in _maps(run, count, seeds, cuts, failures):
+        for note, mapped in _maps(run, count, seeds, cuts, failures):
             folds = None
             if not isinstance(mapped, Mapped):
-                problem, reason = mapped, str(mapped)
+                problem, reason = mapped.with_traceback(None), str(mapped)
             else:
                 done = _finish(run, mapped)
                 if done.is_good or (done.folds == 0 and run.options.seams == "exact"):
@@ -194,7 +212,9 @@ def _map_with_retries(run: Run, failures: list[dict[str, Any]]) -> Finished:
                 best = min(best or done, done, key=lambda d: (d.folds, d.repaired.folds_before))
                 folds = done.folds
                 reason = f"{done.repaired.folds_before} folds, {folds} of them left after repair"
-            failures.append({"patches": count, "seed": seed, "route": route, "folds": folds, "reason": reason})
+            failures.append({**note, "folds": folds, "reason": reason})
+        if isinstance(problem, CrowdedError) and best is None:
+            raise problem
     if best is None or (best.folds > best.few and run.target != "free" and "embed" in run.options.repairs):
         raise problem if problem is not None else WeldFailedError(f"every map had folds, {best.folds if best else 0} and more")
     return _embedded(run, best)
@@ -224,7 +244,7 @@ def _alone(run: Run, failures: list[dict[str, Any]], reason: str) -> Outcome:
     here = _surroundings(run, target)
     everything = np.arange(len(run.mesh.faces))
     with run.clock.stage("embed"):
-        repaired = repair_folds(here, embedding_alone(here), run.options.repairs[:-1])
+        repaired = repair_folds(here, embedding_alone(here), _local(run))
     parts = store_parts(run, run.fewest_patches, run.options.seed, None, "whole")
     none = np.empty(0, np.int64)
     nowhere = SeamPositions(none, repaired.points[none])
@@ -239,7 +259,7 @@ def _to_disk(run: Run, mapped: Mapped) -> Mapped:
         return solve(run, mapped.parts, mapped.pieces, mapped.plan, mapped.union, mapped.welds, "disk")
     parts = replace(mapped.parts, job=replace(mapped.parts.job, run=f"{mapped.parts.job.run}-disk"))
     problem: Exception | None = None
-    for _, _, found in _welded_maps(replace(run, target="disk"), parts, []):
+    for _, found in _welded_maps(replace(run, target="disk"), parts, []):
         if isinstance(found, Mapped):
             return found
         problem = found
@@ -264,7 +284,10 @@ def map_mesh(run: Run) -> Outcome:
         if "embed" not in run.options.repairs:
             raise
         return _alone(run, failures, str(problem))
-    return Outcome(done, failures) if run.target != "free" else _free_or_disk(run, done, failures)
+    outcome = Outcome(done, failures) if run.target != "free" else _free_or_disk(run, done, failures)
+    if run.options.seams == "exact" and outcome.fallback is None and outcome.done.mapped.seams_by != "exact":
+        return replace(outcome, fallback={"from": "exact seams", "to": "welded ones", "reason": failures[0]["reason"]})
+    return outcome
 
 
 def _free_or_disk(run: Run, done: Finished, failures: list[dict[str, Any]]) -> Outcome:

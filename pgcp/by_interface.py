@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
+from pgcp.assemble import used_vertices
 from pgcp.beltrami import find_folds, map_coefficients
 from pgcp.boundary_energy import plain_steps
 from pgcp.ccem import ccem_map, cem_map
@@ -67,21 +68,23 @@ def map_to_disk(run: Run, parts: Parts) -> Mapped:
     mesh, clock, loop = run.mesh, run.clock, run.boundary
     factor = _eliminated(run, parts, loop)
     with clock.stage("centre"):
-        centre = central_face(mesh.vertices, mesh.faces, late_heat(loop, len(mesh.vertices), factor))
+        centre = central_face(mesh.vertices, mesh.faces, late_heat(loop, used_vertices(mesh), factor))
     iterations: tuple[dict[str, Any], ...] = ()
+    converged = None
     with clock.stage("map"):
         if run.options.method == "cdcp":
             z = cdcp_map(mesh, loop, factor, centre, run.options.moebius == "auto").z
         else:
             start = start_angles(harmonic_boundary(mesh.vertices, mesh.faces[centre], factor))
             found = _MINIMISE[run.options.method](factor, _boundary_block(run), start)
-            z, iterations = found.z, tuple(plain_steps(found.steps))
+            z, iterations, converged = found.z, tuple(plain_steps(found.steps)), found.converged
     record = factor.record()
     factor.release()
     mu = map_coefficients(mesh, mesh.faces, np.column_stack([z.real, z.imag]))
     pieces = [1] * len(parts.patches)
     solved = _seen_again(run, parts, [SolveReport(p.index, 0, 0, 0, 0.0, False) for p in parts.patches], z, mu)
-    return Mapped(parts, "disk", pieces, solved, SeamPositions(loop, z[loop]), z, mu, interface=record, iterations=iterations)
+    place = SeamPositions(loop, z[loop])
+    return Mapped(parts, "disk", pieces, solved, place, z, mu, interface=record, iterations=iterations, converged=converged)
 
 
 def _boundary_block(run: Run) -> csr_array:

@@ -24,7 +24,7 @@ from pgcp.errors import CrowdedError, SolveFailedError
 from pgcp.geodesic import geodesic_map
 from pgcp.mobius import are_apart, shift_disk
 from pgcp.operators import face_areas
-from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh
+from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh
 
 HEAT_TIME = 1e4
 _SAMPLE = 100_000
@@ -49,13 +49,15 @@ def heat(factor: DirichletFactor) -> FloatArray:
     return np.asarray(factor.extend(on_boundary.astype(np.complex128)).real, np.float64)
 
 
-def late_heat(boundary: IntArray, vertex_count: int, factor: DirichletFactor) -> FloatArray:
+def late_heat(boundary: IntArray, used: BoolArray, factor: DirichletFactor) -> FloatArray:
     """Heat (n,) from a boundary (n_B,) at 1 after a long time, its first value taken off and time times as large.
 
-    The limit of CDCP eq. 13: L f = 1_B - n_B / n. It needs no factor but the Laplacian's own, and one time fits all meshes;
-    sections 4.1 and 6.2 find the time and the place of little weight.
+    used (n,): vertices that some face uses; the others take no heat.
+
+    The limit of CDCP eq. 13: L f = 1_B - n_B / n, n the vertices used. It needs no factor but the Laplacian's own, and one
+    time fits all meshes; sections 4.1 and 6.2 find the time and the place of little weight.
     """
-    load = np.full(vertex_count, -len(boundary) / vertex_count, np.complex128)
+    load = np.where(used, -len(boundary) / used.sum(), 0.0).astype(np.complex128)
     load[boundary] += 1.0
     reduced = factor.reduce(load).real
     on_boundary = np.zeros(len(boundary), np.complex128)

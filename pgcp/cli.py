@@ -215,8 +215,8 @@ def _notes(report: dict[str, Any]) -> str:
             f"instead of {report['fallback']['from']}, mapped to {report['fallback']['to']}: {report['fallback']['reason']}"
         )
     if report["overlap"] and report["overlap"]["crossings"]:
-        crossings = report["overlap"]["crossings"]
-        lines.append(f"the boundary crosses itself {crossings} times: the map overlaps itself (--no-overlap maps to the disk)")
+        crossings = _counted(report["overlap"]["crossings"], "time", "times")
+        lines.append(f"the boundary crosses itself {crossings}: the map overlaps itself (--no-overlap maps to the disk)")
     return "".join(f"  {line}\n" for line in lines)
 
 
@@ -290,6 +290,8 @@ def _run(arguments: argparse.Namespace, signals: _Signals) -> int:
     for path, what in ((arguments.store, "store"), (arguments.scheduler_file, "scheduler file")):
         if path is not None and not path.exists():
             raise InputError(f"{path}: there is no such {what}")
+    if arguments.store is not None and not arguments.store.is_dir():
+        raise InputError(f"{arguments.store}: the store is no directory")
     from pgcp.demo import demo_mesh
     from pgcp.io import read_mesh
 
@@ -306,6 +308,8 @@ def _run(arguments: argparse.Namespace, signals: _Signals) -> int:
     directory: Path = arguments.output_dir or beside / f"{stem}_pgcp"
     if directory.exists() and not directory.is_dir():
         raise InputError(f"{directory}: there is a file of this name where the results should go")
+    if arguments.mesh is not None and directory.is_dir() and directory.samefile(beside):
+        raise InputError(f"{directory}: results here would take the place of {arguments.mesh}; choose another --output-dir")
     with _Bars(sys.stderr.isatty() and not arguments.quiet) as bars:
         result = compute(demo_mesh() if arguments.mesh is None else arguments.mesh, options, bars)
     try:
@@ -332,9 +336,13 @@ def _refused(problem: Exception, status: int, as_json: bool) -> int:
     return status
 
 
-def _stopped(signals: _Signals) -> int:
-    print(f"pgcp-run: {_STOPPED[signals.name]}; nothing was written", file=sys.stderr)
-    return 128 + getattr(signal, signals.name)
+def _stopped(signals: _Signals, as_json: bool) -> int:
+    status: int = 128 + getattr(signal, signals.name)
+    message = f"{_STOPPED[signals.name]}; nothing was written"
+    if as_json:
+        _say(json.dumps({"status": status, "error": "KeyboardInterrupt", "message": message}))
+    print(f"pgcp-run: {message}", file=sys.stderr)
+    return status
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -348,13 +356,15 @@ def main(argv: Sequence[str] | None = None) -> int:
                 raise
             return _refused(problem, BAD_INPUT if isinstance(problem, InputError) else NUMERICAL, arguments.json)
         except KeyboardInterrupt:
-            return _stopped(signals)
+            return _stopped(signals, arguments.json)
         except Exception as problem:
             if signals.received:  # compiled code makes another exception of the interrupt
-                return _stopped(signals)
+                return _stopped(signals, arguments.json)
             if arguments.debug:
                 raise
             if isinstance(problem, OSError) and problem.errno in _SYSTEM:
                 return _refused(problem, BAD_INPUT, arguments.json)
+            if arguments.json:
+                _say(json.dumps({"status": BUG, "error": type(problem).__name__, "message": str(problem)}))
             print(f"pgcp-run: a bug: {type(problem).__name__}: {problem} (--debug shows where)", file=sys.stderr)
             return BUG

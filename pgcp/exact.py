@@ -15,6 +15,7 @@ from pgcp.puncture import Charts
 from pgcp.store import PatchStore
 from pgcp.tasks import (
     Job,
+    Load,
     SolveReport,
     alternate_task,
     eliminate_task,
@@ -23,6 +24,7 @@ from pgcp.tasks import (
     flatten_opened_task,
     flatten_whole_task,
     merge_task,
+    pack_load,
     reduce_inside_task,
     reduce_task,
     release_task,
@@ -123,13 +125,13 @@ class InterfaceFactor:
             out[patch.vertex_ids] = self._store.read_map(report.patch)[0]
         return out
 
-    def _within(self, load: ComplexArray) -> list[ComplexArray]:
+    def _within(self, load: ComplexArray) -> list[Load]:
         """The part of a load (V,) that lies in the interior of each patch, in its local numbers."""
         parts = []
         for patch, local in zip(self._patches, self._local, strict=True):
             own = np.asarray(load[patch.vertex_ids], np.complex128)
             own[local] = 0.0
-            parts.append(own)
+            parts.append(pack_load(own))
         return parts
 
     def _reduced(self, load: ComplexArray) -> ComplexArray:

@@ -32,6 +32,10 @@ class Executor(Protocol):
         """Apply function to every item. Items of later stages prefer the worker that had the same position before."""
         ...
 
+    def everywhere(self, function: Callable[[], None]) -> None:
+        """Call function once in every process that stays after this executor."""
+        ...
+
     def describe(self) -> dict[str, Any]:
         """Kind, workers and threads, for the report."""
         ...
@@ -67,10 +71,17 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
         out = []
         self._progress(stage, 0, len(items))
         for item in items:
-            with threadpool_limits(1):
-                out.append(function(item))
+            try:
+                with threadpool_limits(1):
+                    out.append(function(item))
+            except MemoryError as problem:
+                raise SolveFailedError(f"stage {stage} ran out of memory") from problem
             self._progress(stage, len(out), len(items))
         return out
+
+    def everywhere(self, function: Callable[[], None]) -> None:
+        """See Executor."""
+        function()
 
     def describe(self) -> dict[str, Any]:
         """See Executor."""
@@ -193,6 +204,9 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
                 self._progress(stage, len(out), len(items))
         except KilledWorker as problem:
             raise SolveFailedError(f"stage {stage}: workers died, most likely for lack of memory ({problem})") from problem
+        except MemoryError as problem:
+            self._client.cancel(futures, force=True)
+            raise SolveFailedError(f"stage {stage} ran out of memory on a worker") from problem
         except PgcpError:
             self._client.cancel(futures, force=True)
             raise
@@ -206,6 +220,11 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
             self._places[position], result = out[future.key]
             results.append(result)
         return results
+
+    def everywhere(self, function: Callable[[], None]) -> None:
+        """See Executor: workers started here end with it."""
+        if self._cluster is None:
+            self._client.run(function)
 
     def describe(self) -> dict[str, Any]:
         """See Executor."""

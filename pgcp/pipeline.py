@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import platform
 import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, fields, replace
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -17,8 +20,8 @@ from pgcp.beltrami import covering_degree, find_folds, map_coefficients
 from pgcp.check import check_centre, check_mended, check_mesh, fitting_target, unit_mesh
 from pgcp.dirichlet import choose_backend
 from pgcp.distortion import conformal_energy
-from pgcp.errors import FoldError, InputError
-from pgcp.executors import DaskExecutor, Progress, SerialExecutor, silent
+from pgcp.errors import FoldError, InputError, PgcpError
+from pgcp.executors import DaskExecutor, Executor, Progress, SerialExecutor, silent
 from pgcp.files import scratch_directory
 from pgcp.io import read_mesh
 from pgcp.mend import Mended, mend, unmended
@@ -26,7 +29,7 @@ from pgcp.operators import needed_mollification
 from pgcp.options import DISK_METHODS, Options
 from pgcp.quality import measure_quality
 from pgcp.run import Clock, Mapped, Run
-from pgcp.tasks import Job
+from pgcp.tasks import Job, drop_run
 from pgcp.types import Mesh, Parameterization
 
 _NO_BOUNDARY_TO_HOLD = (
@@ -80,6 +83,17 @@ def parameterize(source: Any, *, progress: Progress = silent, **options: Any) ->
     if result.quality.folds:
         raise FoldError(fold_message(result), result)
     return result
+
+
+@contextmanager
+def _tidied(executor: Executor, run: str) -> Iterator[None]:
+    """Free what processes still hold of a run when it is done or has failed."""
+    try:
+        yield
+    except PgcpError:
+        executor.everywhere(partial(drop_run, run))
+        raise
+    executor.everywhere(partial(drop_run, run))
 
 
 def fold_message(result: Parameterization) -> str:
@@ -144,7 +158,8 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         clock.executor = executor
         job = Job(name, directory, options.flatten, backend, options.factor_cache_bytes, options.seams == "relax")
         run = Run(mesh, topology, target, mollification, options, job, executor, clock)
-        outcome = map_mesh(run)
+        with _tidied(executor, name):
+            outcome = map_mesh(run)
         done, mapped = outcome.done, outcome.done.mapped
         target = mapped.target
         with clock.stage("place"):
@@ -180,6 +195,7 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         "seams": mapped.seams_by,
         "interface": mapped.interface,
         "iterations": list(mapped.iterations),
+        "converged": mapped.converged,
         "boundary_points": int(mapped.parts.split.edges.parts.sum()),
         "target": target,
         "smallest_gap": mapped.seams.smallest_gap,

@@ -90,7 +90,7 @@ def open_at(mesh: Mesh, face: int) -> Opened:
         ring[mesh.faces[beyond[mesh.faces].any(axis=1)]] = True
         ring &= ~beyond
         rings.append(np.flatnonzero(ring))
-        sides.append(~(beyond | ring) if not sides else beyond)
+        sides.append(np.isfinite(distance) & ~(beyond | ring) if not sides else beyond)
     return Opened(loop, rings[0], rings[1], sides[0], sides[1])
 
 

@@ -51,7 +51,15 @@ def rings_around(faces: IntArray, start: IntArray, rings: int, vertex_count: int
 
 def regions_around(faces: IntArray, start: IntArray, rings: int, fixed: BoolArray) -> list[Region]:
     """Connected parts of the faces within so many rings of the given ones; fixed (V,) vertices are held in all of them."""
-    chosen = rings_around(faces, start, rings, len(fixed))
+    return _connected_parts(faces, rings_around(faces, start, rings, len(fixed)), fixed)
+
+
+def whole_regions(faces: IntArray, fixed: BoolArray) -> list[Region]:
+    """All faces, as such parts."""
+    return _connected_parts(faces, np.ones(len(faces), bool), fixed)
+
+
+def _connected_parts(faces: IntArray, chosen: BoolArray, fixed: BoolArray) -> list[Region]:
     held = fixed.copy()
     held[faces[~chosen].reshape(-1)] = True
     face_ids = np.flatnonzero(chosen)
@@ -60,9 +68,10 @@ def regions_around(faces: IntArray, start: IntArray, rings: int, fixed: BoolArra
     ends = local[:, [0, 1]].T.reshape(-1), local[:, [1, 2]].T.reshape(-1)
     links = coo_array((np.ones(len(ends[0]), np.int8), ends), (len(vertex_ids), len(vertex_ids)))
     count, part = connected_components(links, directed=False)
+    of_face = part[local[:, 0]]
+    order = np.argsort(of_face, kind="stable")
     out = []
-    for number in range(count):
-        own = part[local[:, 0]] == number
+    for own in np.split(order, np.searchsorted(of_face[order], np.arange(1, count))):
         ids, faces_here = np.unique(local[own], return_inverse=True)
         out.append(Region(face_ids[own], vertex_ids[ids], faces_here.reshape(-1, 3), held[vertex_ids[ids]]))
     return out

@@ -20,7 +20,7 @@ import numpy as np
 from pgcp.beltrami import find_folds
 from pgcp.embed import drawn_back, embed_disk, embed_sphere
 from pgcp.errors import SolveFailedError
-from pgcp.regions import Chart, Region, averaged, can_be_solved, composed, regions_around, relaxed
+from pgcp.regions import Chart, Region, averaged, can_be_solved, composed, regions_around, relaxed, whole_regions
 from pgcp.types import BoolArray, ComplexArray, IntArray, Mesh, Positions
 from pgcp.untangle import untangle
 
@@ -81,14 +81,19 @@ def _improved(here: Surroundings, region: Region, points: Positions, method: str
 
 def _repaired_around(here: Surroundings, points: Positions, folded: IntArray, method: str, rings: int) -> Positions:
     """Apply a local tier to all faces within so many rings of the folds, each connected part by itself."""
-    faces = here.mesh.faces
-    for region in regions_around(faces, folded, len(faces) if rings == _EVERYTHING else rings, here.fixed(method)):
+    faces, fixed = here.mesh.faces, here.fixed(method)
+    if rings == _EVERYTHING:
+        regions = whole_regions(faces, fixed) if len(here.boundary) else []
+    else:
+        regions = regions_around(faces, folded, rings, fixed)
+    out = points
+    for region in regions:
         before = points[region.vertex_ids]
         moved = _improved(here, region, points, method)
         if moved is not None and len(find_folds(region.faces, moved)) < len(find_folds(region.faces, before)):
-            points = points.copy()
-            points[region.vertex_ids] = moved
-    return points
+            out = points.copy() if out is points else out
+            out[region.vertex_ids] = moved
+    return out
 
 
 def _steps(methods: tuple[str, ...]) -> list[tuple[str, int]]:

@@ -80,7 +80,8 @@ class Mapped:
     """One pass through all patches: positions, and mu (F,) of the patches as they were solved.
 
     pieces: how many pieces each patch was flattened in; plan and union: the welds and what they made, None without welds;
-    interface: the record of seams that were solved exactly; iterations: that of a descent.
+    interface: the record of seams that were solved exactly; iterations: that of a descent, and whether
+    it converged.
     """
 
     parts: Parts
@@ -95,6 +96,7 @@ class Mapped:
     welds: tuple[dict[str, int], ...] = ()
     interface: dict[str, Any] | None = None
     iterations: tuple[dict[str, Any], ...] = ()
+    converged: bool | None = None
 
     @property
     def seams_by(self) -> str | None:

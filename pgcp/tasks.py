@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -29,7 +29,7 @@ class FactorCache:
     """Factors kept between the passes, least recently used dropped first, bounded in bytes. One per process."""
 
     def __init__(self) -> None:
-        self._held: OrderedDict[Hashable, DirichletFactor] = OrderedDict()
+        self._held: OrderedDict[tuple[str, int], DirichletFactor] = OrderedDict()
         self._lock = threading.Lock()
 
     @property
@@ -37,24 +37,38 @@ class FactorCache:
         """Bytes held."""
         return sum(factor.nbytes for factor in self._held.values())
 
-    def put(self, key: Hashable, factor: DirichletFactor, limit_bytes: int) -> None:
+    def put(self, key: tuple[str, int], factor: DirichletFactor, limit_bytes: int) -> None:
         """Keep a factor, dropping older ones as needed; one larger than the limit is not kept."""
         with self._lock:
             if factor.nbytes > limit_bytes:
                 factor.release()
                 return
+            before = self._held.pop(key, None)
+            if before is not None and before is not factor:
+                before.release()
             self._held[key] = factor
             while self.nbytes > limit_bytes:
                 _, oldest = self._held.popitem(last=False)
                 oldest.release()
 
-    def take(self, key: Hashable) -> DirichletFactor | None:
+    def take(self, key: tuple[str, int]) -> DirichletFactor | None:
         """Remove and return a factor, or None where it is not held."""
         with self._lock:
             return self._held.pop(key, None)
 
+    def drop(self, run: str) -> None:
+        """Free all factors of runs whose name begins so."""
+        with self._lock:
+            for key in [key for key in self._held if key[0].startswith(run)]:
+                self._held.pop(key).release()
+
 
 _FACTORS = FactorCache()
+
+
+def drop_run(run: str) -> None:
+    """Free what this process still holds of a run."""
+    _FACTORS.drop(run)
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,16 +225,39 @@ def _with_factor(job: Job, index: int, kept: IntArray, use: Callable[[DirichletF
     return out
 
 
-def reduce_task(job: Job, item: tuple[int, IntArray, ComplexArray]) -> ComplexArray:
-    """Load on a stored patch's kept vertices (n_K,) that does what a load (Vp,) in its interior does."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Load:
+    """A load (size,) that is the same nearly everywhere, short enough to be sent: other values at some ids."""
+
+    size: int
+    everywhere: complex
+    ids: IntArray
+    values: ComplexArray
+
+    def unpacked(self) -> ComplexArray:
+        """All of it."""
+        out = np.full(self.size, self.everywhere, np.complex128)
+        out[self.ids] = self.values
+        return out
+
+
+def pack_load(load: ComplexArray) -> Load:
+    """Shorten a load (n,) whose middle value is the most frequent one."""
+    common = complex(np.median(load.real), np.median(load.imag))
+    ids = np.flatnonzero(load != common)
+    return Load(len(load), common, ids, load[ids])
+
+
+def reduce_task(job: Job, item: tuple[int, IntArray, Load]) -> ComplexArray:
+    """Load on a stored patch's kept vertices (n_K,) that does what a load in its interior does."""
     index, kept, load = item
-    return _with_factor(job, index, kept, lambda factor: factor.reduce(load))
+    return _with_factor(job, index, kept, lambda factor: factor.reduce(load.unpacked()))
 
 
-def solve_load_task(job: Job, item: tuple[int, IntArray, ComplexArray, ComplexArray]) -> None:
-    """Values of a stored patch with a load (Vp,) in its interior and values (n_K,) on kept vertices; they go to the store."""
+def solve_load_task(job: Job, item: tuple[int, IntArray, Load, ComplexArray]) -> None:
+    """Values of a stored patch with a load in its interior and values (n_K,) on kept vertices; they go to the store."""
     index, kept, load, values = item
-    solved = _with_factor(job, index, kept, lambda factor: factor.solve(load, values))
+    solved = _with_factor(job, index, kept, lambda factor: factor.solve(load.unpacked(), values))
     PatchStore(job.directory).write_array("values", index, solved)
 
 

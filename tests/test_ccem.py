@@ -48,7 +48,7 @@ class Problem:
         self.block = self.laplacian[self.loop][:, self.loop]
 
     def start(self, warmth=None):
-        warmth = late_heat(self.loop, len(self.mesh.vertices), self.factor) if warmth is None else warmth
+        warmth = late_heat(self.loop, np.ones(len(self.mesh.vertices), bool), self.factor) if warmth is None else warmth
         face = self.mesh.faces[central_face(self.mesh.vertices, self.mesh.faces, warmth)]
         return start_angles(harmonic_boundary(self.mesh.vertices, face, self.factor))
 

@@ -40,7 +40,7 @@ def problem(mesh, backend="superlu"):
 
 
 def centre_of(mesh, loop, factor):
-    return central_face(mesh.vertices, mesh.faces, late_heat(loop, len(mesh.vertices), factor))
+    return central_face(mesh.vertices, mesh.faces, late_heat(loop, np.ones(len(mesh.vertices), bool), factor))
 
 
 def doubled(mesh, loop):
@@ -101,7 +101,7 @@ def test_heat_is_one_implicit_step():
 @pytest.mark.parametrize("backend", available_backends())
 def test_late_heat_is_the_limit_of_long_times(hills, backend):
     loop, factor = problem(hills, backend)
-    late = late_heat(loop, len(hills.vertices), factor)
+    late = late_heat(loop, np.ones(len(hills.vertices), bool), factor)
     late -= late.mean()
     for time in (1e5, 1e7):
         now = time * heat(eliminate_interior(heat_matrix(cotangent_laplacian(hills.vertices, hills.faces), time), loop))
@@ -219,7 +219,9 @@ def test_the_printed_figures(name, mean, sd, corrected, late, mesh_folder):
     loop, factor = problem(mesh, backend)
     laplacian = cotangent_laplacian(mesh.vertices, mesh.faces)
     warmth = (
-        late_heat(loop, len(mesh.vertices), factor) if late else heat(eliminate_interior(heat_matrix(laplacian), loop, backend))
+        late_heat(loop, np.ones(len(mesh.vertices), bool), factor)
+        if late
+        else heat(eliminate_interior(heat_matrix(laplacian), loop, backend))
     )
     centre = central_face(mesh.vertices, mesh.faces, warmth)
     z = cdcp_map(mesh, loop, factor, centre, corrected).z

@@ -201,6 +201,8 @@ def test_a_mesh_with_defects_is_refused_with_what_would_mend_it_and_mapped_with_
         (["hills.obj", "--scheduler-file", "nowhere.json"], "no such scheduler file"),
         (["hills.obj", "--scheduler", "tcp://127.0.0.1:9"], "no dask scheduler answers"),
         (["hills.obj", "--output-dir", "cuts.txt"], "there is a file of this name"),
+        (["hills.obj", "--output-dir", "."], "results here would take the place of hills.obj"),
+        (["hills.obj", "--store", "hills.obj"], "the store is no directory"),
         (["hills.obj", "--cuts", "hills.obj"], "line 1 is not a pair of vertex ids"),
         (["hills.obj", "--no-such-option"], "unrecognized arguments"),
         (["closed.ply", "--target", "disk"], "closed surface of genus 0 (a sphere), which the target disk does not fit; use"),

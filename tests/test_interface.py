@@ -22,7 +22,7 @@ from pgcp.pipeline import compute
 from pgcp.puncture import open_at, puncture_face, straightened
 from pgcp.split import cut_patch, plan_welds, split_mesh
 from pgcp.store import PatchStore
-from pgcp.tasks import _FACTORS, Job
+from pgcp.tasks import _FACTORS, Job, pack_load
 from pgcp.topology import examine
 from pgcp.types import Mesh
 
@@ -361,3 +361,66 @@ def test_one_patch_of_a_closed_surface_is_the_undivided_map():
     assert (result.report["seams"], result.quality.folds) == ("exact", 0)
     exact = pgcp.parameterize(mesh, patches=5, seams="exact")
     assert np.abs(result.coordinates - exact.coordinates).max() < 1e-9
+
+
+def padded(mesh, count):
+    """The mesh with vertices used by no face before and after its own."""
+    stray = np.full((count, 3), 7.0)
+    return Mesh(np.vstack([stray, mesh.vertices, stray]), mesh.faces + count)
+
+
+@pytest.mark.parametrize("method", ["dncp", "cdcp", "cem", "ccem"])
+def test_vertices_used_by_no_face_change_nothing(method):
+    mesh = OPEN["hills"]
+    plain, more = (pgcp.parameterize(m, patches=3, method=method) for m in (mesh, padded(mesh, 400)))
+    assert np.abs(more.coordinates[400:-400] - plain.coordinates).max() < 1e-9
+    assert not more.coordinates[:400].any()
+
+
+def test_a_vertex_used_by_no_face_does_not_turn_the_exact_sphere():
+    mesh, _ = spheroid(3, 2.0)
+    plain, more = (pgcp.parameterize(m, patches=3, seams="exact") for m in (mesh, padded(mesh, 1)))
+    assert more.report["seams"] == "exact"
+    assert more.quality.angle_mean_deg == pytest.approx(plain.quality.angle_mean_deg, rel=1e-6)
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_nothing_is_held_after_a_run(fails, monkeypatch):
+    from pgcp import attempts
+
+    def fail(*_):
+        raise pgcp.errors.WeldFailedError("made to fail")
+
+    if fails:
+        monkeypatch.setattr(attempts, "weld", fail)
+        monkeypatch.setattr(attempts, "map_exactly", fail)
+    before = _FACTORS.nbytes
+    for options in ({}, {"method": "cdcp"}, {"seams": "exact"}):
+        pgcp.parameterize(OPEN["hills"], patches=3, **options)
+        assert _FACTORS.nbytes == before
+    if fails:
+        with pytest.raises(pgcp.errors.WeldFailedError):
+            pgcp.parameterize(OPEN["hills"], patches=3, repairs=())
+        assert _FACTORS.nbytes == before
+
+
+def test_exact_seams_that_give_way_to_welds_say_so(monkeypatch):
+    from pgcp import attempts
+
+    def fail(*_):
+        raise pgcp.errors.SolveFailedError("made to fail")
+
+    monkeypatch.setattr(attempts, "map_exactly", fail)
+    result = pgcp.parameterize(OPEN["hills"], patches=3, method="dncp")
+    assert result.report["seams"] == "weld"
+    assert result.report["fallback"] == {"from": "exact seams", "to": "welded ones", "reason": "made to fail"}
+
+
+def test_a_load_is_sent_in_short():
+    load = np.full(50_000, -0.3 + 0j)
+    load[[5, 7]] = 1.0, 2.0j
+    packed = pack_load(load)
+    assert len(packed.ids) == 2
+    assert np.array_equal(packed.unpacked(), load)
+    odd = np.random.default_rng(0).normal(size=9) + 0j
+    assert np.array_equal(pack_load(odd).unpacked(), odd)

@@ -159,6 +159,7 @@ BAD = {
     "view of another buffer": ("gltf", gltf(bufferViews__1__buffer=7), "is 7, but the file has 1 buffers"),
     "buffer of more": ("gltf", gltf(buffers__0__byteLength=10**12), "buffer 0 promises 1000000000000 bytes"),
     "buffer that is not base64": ("gltf", gltf(buffers__0__uri="data:;base64,!!"), "base64 data of buffer 0 are wrong"),
+    "buffer at no address": ("gltf", gltf(buffers__0__uri="http:\ud800"), "nothing is fetched"),
     "buffer elsewhere": ("gltf", gltf(buffers__0__uri="https://example.org/x.bin"), "nothing is fetched"),
     "buffer by file url": ("gltf", gltf(buffers__0__uri="file:///etc/passwd"), "nothing is fetched"),
     "buffer outside": ("gltf", gltf(buffers__0__uri="../x.bin"), "lies outside the mesh's folder"),

@@ -91,7 +91,7 @@ def _number(value: Any, what: str, default: int | None = None) -> int:
 
 
 def _said(value: Any) -> str:
-    return "missing" if value is None else shown(repr(value)[:100].encode())
+    return "missing" if value is None else shown(repr(value)[:100].encode("utf-8", "replace"))
 
 
 class _Scene:
@@ -251,7 +251,9 @@ class _Scene:
             except (binascii.Error, ValueError) as problem:
                 raise BadFileError(f"the base64 data of buffer {index} are wrong: {problem}") from problem
         if re.match(r"[A-Za-z][A-Za-z0-9+.-]*:", uri):
-            raise BadFileError(f"buffer {index} lies at {shown(uri.encode())}; nothing is fetched: put it beside the mesh")
+            raise BadFileError(
+                f"buffer {index} lies at {shown(uri.encode('utf-8', 'replace'))}; nothing is fetched: put it beside the mesh"
+            )
         return self._beside(unquote(uri))
 
 
