@@ -62,7 +62,7 @@ def test_a_run_writes_all_results_in_the_order_of_the_file(folder):
     assert report["status"] == "good"
     assert set(report["quality"]) == {
         "angle_mean_deg", "angle_sd_deg", "angle_median_deg", "angle_p99_deg", "angle_max_deg",
-        "mu_mean", "mu_max", "folds", "log_area_mean", "degree",
+        "mu_mean", "mu_max", "folds", "log_area_mean", "degree", "conformal_energy",
     }  # fmt: skip
     assert "folds 0" in done.stdout
     assert done.stderr == ""
