@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from pgcp.assemble import used_vertices
+from pgcp.beltrami import find_folds
 from pgcp.by_interface import map_exactly, map_to_disk
 from pgcp.by_welds import flatten, solve, weld
 from pgcp.correct import Correction, correct
@@ -51,16 +52,6 @@ class Finished:
         return self.repaired.folds
 
     @property
-    def few(self) -> float:
-        """How many folds are few: with more the map is a wrong one."""
-        return max(_FEW_FOLDS, _FEW_FRACTION * len(self.mapped.mu))
-
-    @property
-    def is_good(self) -> bool:
-        """Whether no folds are left, and there never were more than a few."""
-        return self.folds == 0 and self.repaired.folds_before <= self.few
-
-    @property
     def changed_faces(self) -> IntArray:
         """Faces whose image has changed since the patches were solved."""
         moved = self.correction is not None and self.correction.share
@@ -87,8 +78,13 @@ def _local(run: Run) -> tuple[str, ...]:
     return tuple(method for method in run.options.repairs if method != "embed")
 
 
+def _few(run: Run) -> float:
+    """How many folds are few: a map with more is a wrong one."""
+    return max(_FEW_FOLDS, _FEW_FRACTION * len(run.mesh.faces))
+
+
 def _finish(run: Run, mapped: Mapped) -> Finished:
-    """Correct a map and repair its folds, but for the last tier: another weld may do better.
+    """Correct a map and repair a few folds, but not by the last tier: another weld may do better.
 
     A correction that leaves folds is taken back.
     """
@@ -96,19 +92,22 @@ def _finish(run: Run, mapped: Mapped) -> Finished:
         points, correction = _corrected(run, mapped.points, mapped.target)
     here = _surroundings(run, mapped.target)
     with run.clock.stage("repair"):
-        repaired = repair_folds(here, points, _local(run))
+        many = len(find_folds(run.mesh.bare.faces, points)) > _few(run) and run.options.seams != "exact"
+        methods = () if many else _local(run)
+        repaired = repair_folds(here, points, methods)
         if repaired.folds and correction is not None and correction.share:
-            repaired = repair_folds(here, mapped.points, _local(run))
+            repaired = repair_folds(here, mapped.points, methods)
             correction = correction.undone()
     return Finished(mapped, repaired, correction)
 
 
-def _embedded(run: Run, done: Finished) -> Finished:
-    """Apply the last tier of repair, where it is wanted and needed."""
-    if done.folds == 0 or "embed" not in run.options.repairs:
+def _repaired_at_last(run: Run, done: Finished) -> Finished:
+    """Repair a map to which there is no better one, by all tiers that are wanted and have not been tried."""
+    methods = tuple(m for m in run.options.repairs if m == "embed" or not done.repaired.records)
+    if done.folds == 0 or not methods:
         return done
-    with run.clock.stage("embed"):
-        last = repair_folds(_surroundings(run, done.mapped.target), done.points, ("embed",))
+    with run.clock.stage("repair at last"):
+        last = repair_folds(_surroundings(run, done.mapped.target), done.points, methods)
     touched = np.union1d(done.repaired.touched, last.touched)
     records = done.repaired.records + last.records
     return replace(done, repaired=replace(last, touched=touched, records=records, folds_before=done.repaired.folds_before))
@@ -193,8 +192,8 @@ def _cuts(run: Run) -> IntArray | None:
 def _map_with_retries(run: Run, failures: list[dict[str, Any]]) -> Finished:
     """Map the patches; where that fails or leaves folds, try other weld orders, exact seams, other seeds, and fewer patches.
 
-    What did not serve is added to ``failures``: a map with many folds is a wrong one, even if they could all be repaired.
-    After two such maps fewer patches are tried; the last tier of repair waits until nothing else is left. Raises
+    What did not serve is added to ``failures``: a map with many folds is a wrong one, and is not repaired as long as there
+    may be a better one. After two such maps fewer patches are tried; the last tier of repair waits as well. Raises
     WeldFailedError or SolveFailedError where nothing led to a map, CrowdedError where the disk has no room for it.
     """
     cuts = _cuts(run)
@@ -207,7 +206,7 @@ def _map_with_retries(run: Run, failures: list[dict[str, Any]]) -> Finished:
                 problem, reason = mapped.with_traceback(None), str(mapped)
             else:
                 done = _finish(run, mapped)
-                if done.is_good or (done.folds == 0 and run.options.seams == "exact"):
+                if done.folds == 0:
                     return done
                 best = min(best or done, done, key=lambda d: (d.folds, d.repaired.folds_before))
                 folds = done.folds
@@ -215,9 +214,9 @@ def _map_with_retries(run: Run, failures: list[dict[str, Any]]) -> Finished:
             failures.append({**note, "folds": folds, "reason": reason})
         if isinstance(problem, CrowdedError) and best is None:
             raise problem
-    if best is None or (best.folds > best.few and run.target != "free" and "embed" in run.options.repairs):
+    if best is None or (best.folds > _few(run) and run.target != "free" and "embed" in run.options.repairs):
         raise problem if problem is not None else WeldFailedError(f"every map had folds, {best.folds if best else 0} and more")
-    return _embedded(run, best)
+    return _repaired_at_last(run, best)
 
 
 def _overlap(z: ComplexArray, boundary: IntArray) -> dict[str, Any]:
@@ -277,7 +276,7 @@ def map_mesh(run: Run) -> Outcome:
     if run.options.method in DISK_METHODS:
         count = run.options.patch_count(len(run.mesh.faces))
         parts = store_parts(run, count, run.options.seed, _cuts(run), run.options.method)
-        return Outcome(_embedded(run, _finish(run, map_to_disk(run, parts))), failures)
+        return Outcome(_repaired_at_last(run, _finish(run, map_to_disk(run, parts))), failures)
     try:
         done = _map_with_retries(run, failures)
     except (WeldFailedError, SolveFailedError, CrowdedError) as problem:
@@ -298,7 +297,7 @@ def _free_or_disk(run: Run, done: Finished, failures: list[dict[str, Any]]) -> O
         return Outcome(done, failures, overlap)
     reason = f"the boundary crosses itself {overlap['crossings']} times" if unwanted else f"{done.folds} folds are left"
     try:
-        disk = _embedded(run, _finish(run, _to_disk(run, done.mapped)))
+        disk = _repaired_at_last(run, _finish(run, _to_disk(run, done.mapped)))
     except NumericalError as problem:
         if unwanted and not done.folds:
             raise

@@ -121,7 +121,7 @@ class _Bars(AbstractContextManager["_Bars"]):
             return
         if stage not in self._tasks:
             self._tasks[stage] = self._bars.add_task(stage, total=total)
-        self._bars.update(self._tasks[stage], completed=done)
+        self._bars.update(self._tasks[stage], completed=done, total=total)
 
     def __enter__(self) -> _Bars:
         if self._bars is not None:
@@ -171,7 +171,7 @@ class _Signals(AbstractContextManager["_Signals"]):
 
 
 def _check_only(mesh: Mesh, target: str, fix: bool) -> int:
-    from pgcp.check import check_mended, what_fix_would_do
+    from pgcp.check import check_mended, check_mesh, what_fix_would_do
     from pgcp.mend import mend
     from pgcp.topology import examine
 
@@ -199,7 +199,12 @@ def _check_only(mesh: Mesh, target: str, fix: bool) -> int:
     cure = what_fix_would_do(mesh, target)
     if cure:
         _say(f"  --fix would {cure}")
-    return GOOD if topology.is_disk or topology.is_sphere else BAD_INPUT
+    try:
+        check_mesh(mesh, target)
+    except InputError as problem:
+        _say(f"  refused: {problem}")
+        return BAD_INPUT
+    return GOOD
 
 
 def _counted(count: int, one: str, many: str) -> str:

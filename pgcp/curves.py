@@ -11,6 +11,7 @@ from pgcp.types import ComplexArray, FloatArray, IntArray
 
 _ROUNDING = 8.0 * np.finfo(np.float64).eps
 _LEAF_PAIRS = 64
+MOST_CROSSINGS = 10_000
 
 
 @numba.njit(cache=True)
@@ -40,7 +41,7 @@ def _side(ax: float, ay: float, bx: float, by: float, px: float, py: float) -> i
 
 
 @numba.njit(cache=True)
-def _meeting_edges(x: FloatArray, y: FloatArray, boxes: FloatArray, leaves: int, until_sure: bool) -> IntArray:
+def _meeting_edges(x: FloatArray, y: FloatArray, boxes: FloatArray, leaves: int, until_sure: bool, most: int) -> IntArray:
     """Pairs (n, 3) of edges that are no neighbours and cross (third column 1) or may touch (0).
 
     With ``until_sure`` the search ends at the first crossing, the last pair found.
@@ -88,7 +89,7 @@ def _meeting_edges(x: FloatArray, y: FloatArray, boxes: FloatArray, leaves: int,
             found = more
         found[count, 0], found[count, 1], found[count, 2] = min(i, j), max(i, j), 1 if sure else 0
         count += 1
-        if until_sure and sure:
+        if (until_sure and sure) or count == most:
             break
     return found[:count]
 
@@ -96,7 +97,7 @@ def _meeting_edges(x: FloatArray, y: FloatArray, boxes: FloatArray, leaves: int,
 def _search(z: ComplexArray, until_sure: bool) -> IntArray:
     x, y = np.ascontiguousarray(z.real), np.ascontiguousarray(z.imag)
     leaves = 1 << max(1, int(len(z) - 1).bit_length())
-    return _meeting_edges(x, y, _boxes(x, y, leaves), leaves, until_sure)
+    return _meeting_edges(x, y, _boxes(x, y, leaves), leaves, until_sure, MOST_CROSSINGS)
 
 
 def _exact_side(a: complex, b: complex, p: complex) -> int:
@@ -139,7 +140,7 @@ def crossings(z: ComplexArray) -> IntArray:
 
     Edges that are no neighbours and cross or touch, and neighbours that fold back on each other. A fold-free map of a
     disk is injective exactly where its boundary curve has none. Decided exactly where rounding could mislead; the search
-    takes O(B log B) for a curve that keeps clear of itself.
+    takes O(B log B) for a curve that keeps clear of itself, and ends after 10,000 pairs.
     """
     n = len(z)
     found = _search(z, False) if n > 3 else np.empty((0, 3), np.int64)

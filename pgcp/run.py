@@ -31,9 +31,12 @@ class Clock:
     def stage(self, name: str) -> Iterator[None]:
         """Time what is done inside."""
         start = time.perf_counter()
-        yield
-        seconds = time.perf_counter() - start
-        self.stages.append({"name": name, "seconds": round(seconds, 4), "peak_bytes": self.executor.peak_bytes()})
+        try:
+            yield
+        finally:
+            seconds = time.perf_counter() - start
+            self.stages.append({"name": name, "seconds": round(seconds, 4), "peak_bytes": 0})
+        self.stages[-1]["peak_bytes"] = self.executor.peak_bytes()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
