@@ -150,7 +150,7 @@ def test_a_cut_that_is_no_edge_is_refused(folder):
 
 def test_check_only_says_what_the_mesh_is_and_lists_defects(folder, capsys):
     assert main([str(folder / "hills.obj"), "--check-only", "--target", "sphere"]) == 2
-    assert "  refused: hills.obj is a surface of genus 0" in capsys.readouterr().out
+    assert "  refused: hills.obj is an open surface (a disk)" in capsys.readouterr().out
     assert main([str(folder / "hills.obj"), "--check-only"]) == 0
     assert "an open surface (a disk) with one boundary loop of 56 edges" in capsys.readouterr().out
     pgcp.write_mesh(folder / "closed.ply", tetrahedron())
