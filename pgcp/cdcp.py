@@ -124,6 +124,8 @@ def harmonic_boundary(vertices: FloatArray, face: IntArray, factor: DirichletFac
     load = np.zeros(len(vertices), np.complex128)
     load[face] = dipole(vertices[face])
     reduced = factor.reduce(load)
+    # the dipole sums to 0: what rounding leaves over would all go out through the pinned vertex
+    reduced = reduced - reduced.mean()
     # one value is free (their h_B(1) = 0); the pinned rest is definite
     solved = solve_symmetric(factor.schur[1:, 1:], np.column_stack([reduced.real, reduced.imag])[1:])
     h: ComplexArray = np.concatenate([[0.0], solved[:, 0] + 1j * solved[:, 1]])
