@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from partition.check import Contacts, PartReport, SeamTable, check_partition, seam_table
+from partition.clusters import cluster_graph
 from partition.cuts import cut_labels
 from partition.disks import make_disks
-from partition.dual_graph import FloatArray, IntArray, dual_graph, edge_lengths, vertex_starts
+from partition.dual_graph import FloatArray, IntArray, edge_lengths, seam_half_edges, vertex_starts
 from partition.errors import PartitionError
 from partition.kway import has_metis, kway_labels
 from partition.smooth import shorten_seams
+from partition.straighten import straighten_seams
 
 __all__ = [
     "Contacts",
@@ -22,10 +24,17 @@ __all__ = [
     "has_metis",
     "make_disks",
     "partition_faces",
+    "seam_half_edges",
     "seam_table",
 ]
 
 _BALANCE = 1.15
+_LARGEST_CLUSTER = 16
+_CLUSTERS_PER_PART = 1000
+_ROUNDS = 100
+# seams are straightened within a band of so many rings, a part of the patches' width
+_BAND, _NARROWEST, _WIDEST = 0.05, 2, 24
+_STRAIGHTENINGS = 2
 
 
 def partition_faces(vertices: FloatArray, faces: IntArray, twins: IntArray, part_count: int, seed: int = 0) -> IntArray:
@@ -38,10 +47,18 @@ def partition_faces(vertices: FloatArray, faces: IntArray, twins: IntArray, part
         raise PartitionError(f"the number of patches is {part_count}, it must be at least 1")
     if part_count > len(faces):
         raise PartitionError(f"{part_count} patches were asked for, but the mesh has only {len(faces)} faces")
+    if part_count == 1:
+        return np.zeros(len(faces), np.int32)
     lengths = edge_lengths(vertices, faces)
-    labels = kway_labels(dual_graph(twins, lengths), part_count, seed)
+    size = int(np.clip(len(faces) // (_CLUSTERS_PER_PART * part_count), 1, _LARGEST_CLUSTER))
+    cluster, sizes, graph = cluster_graph(twins, lengths, size)
+    labels = kway_labels(graph, part_count, seed, sizes).astype(np.int32)[cluster]
     labels = make_disks(vertices, faces, twins, labels, part_count)
-    sizes = np.bincount(labels)
-    limit = max(int(_BALANCE * len(faces) / part_count), int(sizes.max()))
-    shorten_seams(faces, twins, lengths, vertex_starts(faces, twins, len(vertices)), labels, part_count, limit, 100)
+    starts = vertex_starts(faces, twins, len(vertices))
+    limit = max(int(_BALANCE * len(faces) / part_count), int(np.bincount(labels).max()))
+    rings = int(np.clip(_BAND * np.sqrt(len(faces) / part_count), _NARROWEST, _WIDEST))
+    for _ in range(_STRAIGHTENINGS):
+        shorten_seams(faces, twins, lengths, starts, labels, part_count, limit, _ROUNDS)
+        if straighten_seams(faces, twins, lengths, starts, labels, part_count, rings) == 0:
+            break
     return labels

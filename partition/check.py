@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from partition.dual_graph import BoolArray, FloatArray, IntArray, edge_lengths, label_components, vertex_starts
+from partition.dual_graph import BoolArray, FloatArray, IntArray, label_components, seam_half_edges, vertex_starts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,11 +58,19 @@ def _vertex_runs(faces: IntArray, twins: IntArray, labels: IntArray, starts: Int
     vertices = []
     run_labels = []
     inner_only = np.zeros(labels.max() + 1, np.int64)  # vertices whose faces all carry this label
+    mixed = np.zeros(starts.shape[0], np.bool_)
+    for h in range(twins.shape[0]):
+        if twins[h] >= 0 and labels[twins[h] // 3] != labels[h // 3]:
+            mixed[faces[h // 3, h % 3]] = True
+            mixed[faces[h // 3, (h % 3 + 1) % 3]] = True
     for v in range(starts.shape[0]):
         if starts[v] < 0:
             continue
         h = starts[v]
         first = labels[h // 3]
+        if not mixed[v]:
+            inner_only[first] += 1
+            continue
         previous = first
         runs = 0
         while True:
@@ -76,9 +84,7 @@ def _vertex_runs(faces: IntArray, twins: IntArray, labels: IntArray, starts: Int
             h = twins[before]
             if h < 0 or h == starts[v]:
                 break
-        if runs == 0:
-            inner_only[first] += 1
-        elif h < 0 or previous != first:
+        if h < 0 or previous != first or runs == 0:
             vertices.append(v)
             run_labels.append(previous)
         # else: the last run continues the first one around a closed fan, already counted
@@ -91,6 +97,16 @@ def _vertex_runs(faces: IntArray, twins: IntArray, labels: IntArray, starts: Int
     return out_vertices, out_labels, inner_only
 
 
+@numba.njit(cache=True)
+def _inner_edges(twins: IntArray, labels: IntArray, part_count: int) -> IntArray:
+    """Edges inside each part (K,)."""
+    out = np.zeros(part_count, np.int64)
+    for h in range(twins.shape[0]):
+        if twins[h] > h and labels[twins[h] // 3] == labels[h // 3]:
+            out[labels[h // 3]] += 1
+    return out
+
+
 def check_partition(faces: IntArray, twins: IntArray, labels: IntArray, part_count: int) -> PartReport:
     """Examine every part of a partition. labels (F,) in [0, part_count). Nothing is changed."""
     starts = vertex_starts(faces, twins, int(faces.max()) + 1)
@@ -101,10 +117,7 @@ def check_partition(faces: IntArray, twins: IntArray, labels: IntArray, part_cou
     vertex_count = np.bincount(unique % part_count, minlength=part_count)
     vertex_count[: len(inner)] += inner
     # edges of a part: 3F half-edges, those with the twin in the same part counted once
-    inner_half = np.flatnonzero(twins >= 0)
-    same = labels[inner_half // 3] == labels[twins[inner_half] // 3]
-    doubled = np.bincount(labels[inner_half[same] // 3], minlength=part_count) // 2
-    euler = vertex_count - (3 * face_count - doubled) + face_count
+    euler = vertex_count - (3 * face_count - _inner_edges(twins, labels, part_count)) + face_count
     count, components = label_components(twins, labels)
     owner = np.empty(count, np.int64)
     owner[components] = labels
@@ -176,13 +189,13 @@ class SeamTable:
 
 def seam_table(vertices: FloatArray, faces: IntArray, twins: IntArray, labels: IntArray) -> SeamTable:
     """Seam table of a valid partition (every part a disk)."""
-    half = np.flatnonzero(twins > np.arange(len(twins)))
-    cut = half[labels[half // 3] != labels[twins[half] // 3]]
+    cut = seam_half_edges(twins, labels)
     starts = vertex_starts(faces, twins, len(vertices))
     at, run_labels, _ = _vertex_runs(faces, twins, labels, starts)
+    flat = faces.reshape(-1)
     return SeamTable(
         edge_labels=np.column_stack([labels[cut // 3], labels[twins[cut] // 3]]),
-        lengths=edge_lengths(vertices, faces)[cut],
+        lengths=np.linalg.norm(vertices[flat[cut]] - vertices[flat[cut - cut % 3 + (cut % 3 + 1) % 3]], axis=1),
         vertices=at,
         vertex_labels=run_labels,
     )

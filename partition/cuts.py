@@ -30,5 +30,5 @@ def cut_labels(faces: IntArray, twins: IntArray, cut_edges: IntArray) -> IntArra
         raise PartitionError(f"cut {row + 1} ({a} {b}) is not an edge of the mesh; {int(missing.sum())} such cuts in all")
     closed = twins.copy()
     closed[np.isin(keys, cut_keys)] = -1
-    _, labels = label_components(closed, np.zeros(len(faces), np.int64))
-    return labels.astype(np.int64)
+    _, labels = label_components(closed, np.zeros(len(faces), np.int32))
+    return labels

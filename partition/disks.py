@@ -18,7 +18,9 @@ _ROUNDS = 50
 
 def _drop_empty(labels: IntArray) -> IntArray:
     used = np.bincount(labels) > 0
-    dense: IntArray = (np.cumsum(used) - 1)[labels]
+    if used.all():
+        return labels
+    dense: IntArray = (np.cumsum(used) - 1).astype(np.int32)[labels]
     return dense
 
 
@@ -49,7 +51,7 @@ def _join_pieces(twins: IntArray, lengths: FloatArray, labels: IntArray) -> IntA
         order = np.lexsort((unique, -total, unique // part_count))
         strays, first = np.unique(unique[order] // part_count, return_index=True)
         owner[strays] = unique[order][first] % part_count
-        labels = owner[pieces]
+        labels = owner.astype(np.int32)[pieces]
 
 
 def _undo_pinches(
@@ -205,13 +207,15 @@ def make_disks(vertices: FloatArray, faces: IntArray, twins: IntArray, labels: I
     """
     lengths = edge_lengths(vertices, faces)
     starts = vertex_starts(faces, twins, len(vertices))
-    labels = _drop_empty(labels)
+    labels = _drop_empty(labels.astype(np.int32))
     for _ in range(_ROUNDS):
-        labels = _drop_empty(_join_pieces(twins, lengths, labels))
         count = int(labels.max()) + 1
         report = check_partition(faces, twins, labels, count)
         if report.is_valid and count >= part_count:
             break
+        if (report.component_count != 1).any():
+            labels = _drop_empty(_join_pieces(twins, lengths, labels))
+            continue
         if len(report.pinched_vertices):
             labels = _undo_pinches(faces, twins, labels, report.pinched_vertices, report.pinched_parts, starts)
             continue
@@ -221,4 +225,4 @@ def make_disks(vertices: FloatArray, faces: IntArray, twins: IntArray, labels: I
             labels = _split_largest(twins, lengths, labels)
     else:
         raise PartitionError(f"could not make {part_count} disks in {_ROUNDS} rounds of repair")
-    return _merge_to(vertices, faces, twins, labels, part_count)
+    return _merge_to(vertices, faces, twins, labels, part_count) if count > part_count else labels

@@ -11,8 +11,7 @@ from typing import Any
 import numba
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_array
 
 IntArray = npt.NDArray[np.integer[Any]]
 FloatArray = npt.NDArray[np.float64]
@@ -71,12 +70,39 @@ def dual_graph(twins: IntArray, lengths: FloatArray) -> csr_array:
     return csr_array((weights, indices, indptr), shape=(face_count, face_count))
 
 
+@numba.njit(cache=True)
+def _components(twins: IntArray, labels: IntArray) -> tuple[int, IntArray]:
+    face_count = labels.shape[0]
+    component = np.full(face_count, -1, np.int32)
+    work = np.empty(face_count, np.int32)
+    count = 0
+    for seed in range(face_count):
+        if component[seed] >= 0:
+            continue
+        component[seed], work[0], waiting = count, seed, 1
+        while waiting > 0:
+            waiting -= 1
+            f = work[waiting]
+            for i in range(3):
+                twin = twins[3 * f + i]
+                if twin >= 0 and component[twin // 3] < 0 and labels[twin // 3] == labels[f]:
+                    component[twin // 3], work[waiting] = count, twin // 3
+                    waiting += 1
+        count += 1
+    return count, component
+
+
 def label_components(twins: IntArray, labels: IntArray) -> tuple[int, IntArray]:
-    """Connected components of faces that share an edge and a label: count, component (F,)."""
-    inner = np.flatnonzero(twins >= 0)
-    here, there = inner // 3, twins[inner] // 3
-    same = (labels[here] == labels[there]) & (here < there)
-    here, there = here[same], there[same]
-    graph = coo_array((np.ones(len(here), np.int8), (here, there)), (len(labels), len(labels)))
-    count, components = connected_components(graph, directed=False)
-    return int(count), components
+    """Connected components of faces that share an edge and a label: count, component (F,), numbered by their first faces."""
+    count, component = _components(twins, labels)
+    return int(count), component
+
+
+@numba.njit(cache=True)
+def seam_half_edges(twins: IntArray, labels: IntArray) -> IntArray:
+    """Half-edges between faces of different labels, the lower of each two, increasing."""
+    found = [int(0) for _ in range(0)]
+    for h in range(twins.shape[0]):
+        if twins[h] > h and labels[h // 3] != labels[twins[h] // 3]:
+            found.append(h)
+    return np.array(found) if len(found) > 0 else np.empty(0, np.int64)

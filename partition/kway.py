@@ -20,7 +20,7 @@ def has_metis() -> bool:
     return True
 
 
-def metis_labels(dual: csr_array, part_count: int, seed: int) -> IntArray:
+def metis_labels(dual: csr_array, sizes: IntArray, part_count: int, seed: int) -> IntArray:
     """Balanced parts with short cuts: edge weights are the lengths of the shared mesh edges, as small integers."""
     import pymetis
 
@@ -30,6 +30,7 @@ def metis_labels(dual: csr_array, part_count: int, seed: int) -> IntArray:
         part_count,
         pymetis.CSRAdjacency(dual.indptr, dual.indices),
         eweights=weights,
+        vweights=sizes.astype(np.int32),
         recursive=False,
         options=options,
     )
@@ -42,9 +43,10 @@ def _far_face(dual: csr_array, source: int) -> tuple[int, np.ndarray]:
     return int(np.argmax(distance)), distance
 
 
-def bisection_labels(dual: csr_array, part_count: int) -> IntArray:
+def bisection_labels(dual: csr_array, part_count: int, sizes: IntArray | None = None) -> IntArray:
     """Balanced parts by recursive bisection: faces sorted by the difference of distances to two far faces."""
     labels = np.zeros(dual.shape[0], np.int64)
+    sizes = np.ones(dual.shape[0], np.int64) if sizes is None else sizes
     work = [(np.arange(dual.shape[0]), 0, part_count)]
     while work:
         members, first, count = work.pop()
@@ -57,16 +59,21 @@ def bisection_labels(dual: csr_array, part_count: int) -> IntArray:
         _, from_other = _far_face(part, other)
         order = np.argsort(from_one - from_other, kind="stable")
         left = count // 2
-        cut = len(members) * left // count
+        before = np.cumsum(sizes[members[order]])
+        cut = int(np.searchsorted(before, before[-1] * left // count, side="right"))
+        cut = min(max(cut, 1), len(members) - 1)
         work.append((members[np.sort(order[:cut])], first, left))
         work.append((members[np.sort(order[cut:])], first + left, count - left))
     return labels
 
 
-def kway_labels(dual: csr_array, part_count: int, seed: int) -> IntArray:
-    """One label per face (F,), about equal face counts, deterministic for a seed. Parts need not be disks yet."""
+def kway_labels(dual: csr_array, part_count: int, seed: int, sizes: IntArray | None = None) -> IntArray:
+    """One label per node of a graph (N,), parts of about equal size, deterministic for a seed. Parts need not be disks yet.
+
+    sizes (N,): how many faces each node stands for, 1 by default.
+    """
     if part_count == 1:
         return np.zeros(dual.shape[0], np.int64)
     if has_metis():
-        return metis_labels(dual, part_count, seed)
-    return bisection_labels(dual, part_count)
+        return metis_labels(dual, np.ones(dual.shape[0], np.int64) if sizes is None else sizes, part_count, seed)
+    return bisection_labels(dual, part_count, sizes)

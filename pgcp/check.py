@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 
 from pgcp.errors import DegenerateError, InputError, NotManifoldError, NotSimplyConnectedError
 from pgcp.mend import Mended, mend
 from pgcp.operators import face_areas
 from pgcp.topology import Topology, examine
-from pgcp.types import Mesh
+from pgcp.types import FloatArray, IntArray, Mesh
 
 _MOST_FLAT = 0.5
 _FAR = 1e4
@@ -89,17 +90,32 @@ def unit_mesh(mesh: Mesh) -> tuple[Mesh, float]:
 
     Results then depend neither on the unit of length nor on the place. Raises DegenerateError where all vertices coincide.
     """
-    largest = float(np.abs(mesh.vertices).max())
+    largest = float(max(mesh.vertices.max(), -mesh.vertices.min()))
     exponent = int(np.frexp(largest)[1])
     points = np.ldexp(mesh.vertices, -exponent)
-    used = points[mesh.faces.reshape(-1)]
-    low, high = used.min(axis=0), used.max(axis=0)
+    low, high = _extent(points, mesh.faces)
     size = float((high - low).max())
     if not size > 0.0:
         raise DegenerateError(f"{mesh.name}: all faces have zero area")
     more = int(np.frexp(size)[1])
-    moved = np.ldexp(points - 0.5 * (low + high), -more)
-    return Mesh(moved, mesh.faces, mesh.name, mesh.filler), float(np.ldexp(1.0, exponent + more))
+    points -= 0.5 * (low + high)
+    np.ldexp(points, -more, out=points)
+    return Mesh(points, mesh.faces, mesh.name, mesh.filler), float(np.ldexp(1.0, exponent + more))
+
+
+@numba.njit(cache=True)
+def _extent(points: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest coordinates (3,) of the points that faces use."""
+    used = np.zeros(points.shape[0], np.bool_)
+    for f in range(faces.shape[0]):
+        for i in range(3):
+            used[faces[f, i]] = True
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for v in range(points.shape[0]):
+        if used[v]:
+            for d in range(3):
+                low[d], high[d] = min(low[d], points[v, d]), max(high[d], points[v, d])
+    return low, high
 
 
 def check_centre(mesh: Mesh, centre: int | None, moebius: str, target: str) -> None:

@@ -4,8 +4,9 @@ Order the unknowns of the Laplacian as interior I and boundary B. Eliminating I 
 
     S = L_BB - L_BI L_II^{-1} L_IB        the Dirichlet-to-Neumann operator, dense (n_B, n_B)
 
-and a factor with which ``L_II u_I = -L_IB u_B`` is one back-substitution (PGCP eq. 4.22). Two backends offer
-the same ``DirichletFactor``: MKL PARDISO in Schur mode where its wheel exists, SciPy SuperLU everywhere.
+and a factor with which ``L_II u_I = -L_IB u_B`` is one back-substitution (PGCP eq. 4.22). Three backends offer
+the same ``DirichletFactor``: an elimination along a nested dissection of the faces, which takes a mesh; MKL PARDISO in
+Schur mode where its wheel exists and SciPy SuperLU everywhere, which take any such matrix.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from pgcp.errors import InputError, SolveFailedError
+from pgcp.operators import cotangent_laplacian
 from pgcp.types import ComplexArray, FloatArray, IntArray
 
-BACKENDS = ("pardiso", "superlu")
+BACKENDS = ("nested", "pardiso", "superlu")
 
 
 class DirichletFactor(Protocol):
@@ -58,26 +60,43 @@ class DirichletFactor(Protocol):
 
 
 def available_backends() -> tuple[str, ...]:
-    """Backends that can run on this machine, best first."""
+    """Backends for any matrix that can run on this machine, best first."""
     from pgcp import dirichlet_pardiso
 
-    return BACKENDS if dirichlet_pardiso.is_available() else ("superlu",)
+    return ("pardiso", "superlu") if dirichlet_pardiso.is_available() else ("superlu",)
 
 
 def choose_backend(name: str = "auto") -> str:
-    """Resolve ``auto`` to the best backend here; raise InputError where a named one is unknown or absent."""
-    usable = available_backends()
+    """Resolve ``auto`` to the best backend; raise InputError where a named one is unknown or absent."""
     if name == "auto":
-        return usable[0]
+        return BACKENDS[0]
     if name not in BACKENDS:
         raise InputError(f"unknown sparse backend {name!r}; choose from auto, {', '.join(BACKENDS)}")
-    if name not in usable:
-        raise InputError(f"the {name} backend is not installed here; install pgcp[mkl] or use --backend superlu")
+    if name == "pardiso" and name not in available_backends():
+        raise InputError("the pardiso backend is not installed here; install pgcp[mkl] or use --backend nested")
     return name
 
 
+def eliminate_mesh(
+    vertices: FloatArray, faces: IntArray, kept: IntArray, backend: str = "nested", mollification: float = 0.0
+) -> DirichletFactor:
+    """Factor the cotangent Laplacian of a mesh, vertices (n, 3) and faces (F, 3), with ``kept`` (n_K,) last.
+
+    Where rounding leaves the nested elimination without a positive pivot, as with needles, another backend does it. Raises
+    SolveFailedError where the block to be eliminated is singular or a value is not finite.
+    """
+    if backend == "nested":
+        from pgcp.dirichlet_nested import NestedFactor
+
+        try:
+            return _finite(NestedFactor(vertices, faces, kept, mollification))
+        except SolveFailedError:
+            backend = available_backends()[0]
+    return eliminate_interior(cotangent_laplacian(vertices, faces, mollification), kept, backend)
+
+
 def eliminate_interior(laplacian: csr_array, boundary: IntArray, backend: str = "superlu") -> DirichletFactor:
-    """Factor a Laplacian (n, n), symmetric, with ``boundary`` (n_B,) kept last.
+    """Factor any Laplacian (n, n), symmetric, with ``boundary`` (n_B,) kept last; nested stands for the best other backend.
 
     Raises SolveFailedError where the interior block is singular or a value is not finite.
     """
@@ -86,15 +105,18 @@ def eliminate_interior(laplacian: csr_array, boundary: IntArray, backend: str = 
     interior_mask = np.ones(laplacian.shape[0], bool)
     interior_mask[boundary] = False
     interior = np.flatnonzero(interior_mask)
-    factor: DirichletFactor
+    if backend == "nested":
+        backend = available_backends()[0]
     if backend == "pardiso" and len(interior):
         from pgcp.dirichlet_pardiso import PardisoFactor
 
-        factor = PardisoFactor(laplacian, interior, boundary)
-    else:
-        from pgcp.dirichlet_superlu import SuperLUFactor
+        return _finite(PardisoFactor(laplacian, interior, boundary))
+    from pgcp.dirichlet_superlu import SuperLUFactor
 
-        factor = SuperLUFactor(laplacian, interior, boundary)
+    return _finite(SuperLUFactor(laplacian, interior, boundary))
+
+
+def _finite(factor: DirichletFactor) -> DirichletFactor:
     if not np.isfinite(factor.schur).all():
         raise SolveFailedError("the Schur complement has entries that are not finite: the interior block is singular")
     return factor

@@ -45,10 +45,17 @@ def dncp_boundary(schur: FloatArray, positions: FloatArray) -> ComplexArray:
     z[second] = distance
     free = np.setdiff1d(np.arange(len(h)), [first, second])
     right = -h[free, second] * distance
-    system = h[np.ix_(free, free)]
+    h[[first, second]] = 0.0
+    h[:, [first, second]] = 0.0
+    h[[first, second], [first, second]] = 1.0
+    full = np.zeros(len(h), np.complex128)
+    full[free] = right
     try:
-        z[free] = cho_solve(cho_factor(system, overwrite_a=False, check_finite=False), right, check_finite=False)
+        # by columns the rows of h are its conjugate: no copy is made, and the conjugate system is solved
+        factor = cho_factor(h.T, lower=True, overwrite_a=True, check_finite=False)
+        z[free] = cho_solve(factor, full.conj(), check_finite=False).conj()[free]
     except LinAlgError:
+        system = conformal_energy_matrix(schur)[np.ix_(free, free)]
         try:
             z[free] = solve(system, right, assume_a="her", check_finite=False)
         except LinAlgError as problem:

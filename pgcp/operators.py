@@ -107,11 +107,15 @@ def face_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return out
 
 
-def _weights(vertices: FloatArray, faces: IntArray, mollification: float) -> FloatArray:
-    """Half the cotangent of every corner (3F,)."""
+def corner_weights(vertices: FloatArray, faces: IntArray, mollification: float = 0.0) -> FloatArray:
+    """Half the cotangent of every corner (F, 3): what it adds to the weight of the edge opposite."""
     if mollification > 0.0:
-        return 0.5 * _mollified_cotangents(vertices, faces, mollification).reshape(-1)
-    return 0.5 * cotangents(vertices, faces).reshape(-1)
+        return 0.5 * _mollified_cotangents(vertices, faces, mollification)
+    return 0.5 * cotangents(vertices, faces)
+
+
+def _weights(vertices: FloatArray, faces: IntArray, mollification: float) -> FloatArray:
+    return corner_weights(vertices, faces, mollification).reshape(-1)
 
 
 def cotangent_laplacian(vertices: FloatArray, faces: IntArray, mollification: float = 0.0) -> csr_array:
@@ -141,7 +145,7 @@ def positive_laplacian(
     (Tutte 1963, Floater 2003).
     """
     n = len(vertices)
-    tails, heads = faces[:, [1, 2, 0]].reshape(-1), faces[:, [2, 0, 1]].reshape(-1)
+    tails, heads = faces[:, [1, 2, 0]].reshape(-1).astype(np.int64), faces[:, [2, 0, 1]].reshape(-1).astype(np.int64)
     keys, edge = np.unique(np.minimum(tails, heads) * n + np.maximum(tails, heads), return_inverse=True)
     weights = np.bincount(edge, _weights(vertices, faces, mollification))
     raised = (np.bincount(edge, np.repeat(chosen, 3)) > 0) & (weights < least)

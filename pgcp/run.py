@@ -13,7 +13,7 @@ import numpy as np
 from pgcp.assemble import collect
 from pgcp.executors import Executor, SerialExecutor
 from pgcp.options import Options
-from pgcp.split import Split, cut_patch, split_mesh
+from pgcp.split import Split, cut_patches, split_mesh
 from pgcp.store import PatchStore
 from pgcp.tasks import Job, SolveReport
 from pgcp.topology import Topology
@@ -118,8 +118,7 @@ def store_parts(run: Run, count: int, seed: int, cuts: IntArray | None, name: st
     store = PatchStore(job.directory)
     patches = []
     with run.clock.stage("store"):
-        for index in range(split.patch_count):
-            patch = cut_patch(run.mesh, split, index)
+        for patch in cut_patches(run.mesh, run.topology, split):
             store.write_patch(patch)
             patches.append(patch)
     return Parts(split, patches, job, seed)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import networkx as nx
@@ -18,10 +18,11 @@ from partition import (
     cut_labels,
     make_disks,
     partition_faces,
+    seam_half_edges,
     seam_table,
 )
 from pgcp.errors import PartitionInputError
-from pgcp.topology import Topology, boundary_loops, pair_half_edges
+from pgcp.topology import Topology, loops_of
 from pgcp.types import EdgeTable, IntArray, Mesh, Patch, WeldPlan, WeldStep
 
 _BOUNDARY_POINTS = 8000
@@ -63,12 +64,10 @@ def _subdivision(tails: IntArray, heads: IntArray, vertex_count: int) -> IntArra
 
 
 def _edge_table(mesh: Mesh, twins: IntArray, labels: IntArray, mollification: float) -> EdgeTable:
-    half = np.arange(len(twins))
-    inner = twins >= 0
-    apart = inner & (labels[half // 3] != labels[np.where(inner, twins, 0) // 3])
-    kept = half[(apart & (twins > half)) | ~inner]
-    flat = mesh.faces.reshape(-1).astype(np.int64)
-    tail, head = flat[kept], flat[kept - kept % 3 + (kept % 3 + 1) % 3]
+    kept = np.concatenate([np.flatnonzero(twins < 0), seam_half_edges(twins, labels)])
+    flat = mesh.faces.reshape(-1)
+    tail = flat[kept].astype(np.int64)
+    head = flat[kept - kept % 3 + (kept % 3 + 1) % 3].astype(np.int64)
     count = len(mesh.vertices)
     keys = np.sort(np.minimum(tail, head) * count + np.maximum(tail, head))
     return EdgeTable(keys, _subdivision(keys // count, keys % count, count), count, mollification)
@@ -162,9 +161,6 @@ def split_mesh(
                 labels = make_disks(mesh.vertices, mesh.faces, topology.twins, labels, patch_count)
         else:
             labels = partition_faces(mesh.vertices, mesh.faces, topology.twins, patch_count, seed)
-            problems = check_partition(mesh.faces, topology.twins, labels, patch_count).problems()
-            if problems:
-                raise PartitionInputError(f"the partition is not valid: {problems[0]}")
         table = seam_table(mesh.vertices, mesh.faces, topology.twins, labels)
     except PartitionError as problem:
         raise PartitionInputError(str(problem)) from problem
@@ -172,28 +168,71 @@ def split_mesh(
 
 
 @numba.njit(cache=True)
-def _localise(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray]:
-    """Local face indices and the sorted global ids of the vertices used."""
-    mark = np.zeros(vertex_count, np.bool_)
-    for f in range(faces.shape[0]):
+def _faces_by_label(labels: IntArray, count: int) -> tuple[IntArray, IntArray]:
+    """Faces sorted by label, and where each label begins."""
+    starts = np.zeros(count + 1, np.int64)
+    for f in range(labels.shape[0]):
+        starts[labels[f] + 1] += 1
+    for k in range(count):
+        starts[k + 1] += starts[k]
+    fill = starts.copy()
+    order = np.empty(labels.shape[0], np.int32)
+    for f in range(labels.shape[0]):
+        order[fill[labels[f]]] = f
+        fill[labels[f]] += 1
+    return order, starts
+
+
+@numba.njit(cache=True)
+def _localise(faces: IntArray, face_ids: IntArray, local: IntArray) -> tuple[IntArray, IntArray]:
+    """Local faces (N, 3) and the sorted ids of the vertices used. local (V,) is -1 everywhere, before and after."""
+    used = np.empty(3 * face_ids.shape[0], np.int64)
+    count = 0
+    for f in face_ids:
         for i in range(3):
-            mark[faces[f, i]] = True
-    ids = np.flatnonzero(mark)
-    local = np.empty(vertex_count, np.int64)
-    for i in range(ids.shape[0]):
-        local[ids[i]] = i
-    out = np.empty((faces.shape[0], 3), np.int64)
-    for f in range(faces.shape[0]):
+            if local[faces[f, i]] < 0:
+                local[faces[f, i]] = 0
+                used[count] = faces[f, i]
+                count += 1
+    ids = np.sort(used[:count])
+    for k in range(count):
+        local[ids[k]] = k
+    out = np.empty((face_ids.shape[0], 3), np.int32)
+    for k in range(face_ids.shape[0]):
         for i in range(3):
-            out[f, i] = local[faces[f, i]]
+            out[k, i] = local[faces[face_ids[k], i]]
+    for v in ids:
+        local[v] = -1
     return out, ids
 
 
-def cut_patch(mesh: Mesh, split: Split, index: int) -> Patch:
+@numba.njit(cache=True)
+def _rim(twins: IntArray, labels: IntArray, face_ids: IntArray) -> IntArray:
+    """Half-edges, numbered within the patch, that have no twin in it."""
+    found = [np.int64(0) for _ in range(0)]
+    for k in range(face_ids.shape[0]):
+        for i in range(3):
+            twin = twins[3 * np.int64(face_ids[k]) + i]
+            if twin < 0 or labels[twin // 3] != labels[face_ids[k]]:
+                found.append(np.int64(3 * k + i))
+    return np.array(found)
+
+
+def cut_patches(mesh: Mesh, topology: Topology, split: Split, wanted: Sequence[int] | None = None) -> Iterator[Patch]:
+    """Cut patches out of the mesh one after the other, all or those wanted."""
+    order, starts = _faces_by_label(split.labels, split.patch_count)
+    local = np.full(len(mesh.vertices), -1, np.int32)
+    for index in range(split.patch_count) if wanted is None else wanted:
+        face_ids = order[starts[index] : starts[index + 1]]
+        faces, vertex_ids = _localise(mesh.faces, face_ids, local)
+        rim = _rim(topology.twins, split.labels, face_ids)
+        flat = faces.reshape(-1)
+        (boundary,) = loops_of(flat[rim], flat[rim - rim % 3 + (rim % 3 + 1) % 3])
+        loop = vertex_ids[boundary]
+        parts = split.edges.parts[split.edges.rank(loop, np.roll(loop, -1))]
+        yield Patch(index, mesh.vertices[vertex_ids], faces, vertex_ids, face_ids, boundary, parts, split.edges.mollification)
+
+
+def cut_patch(mesh: Mesh, topology: Topology, split: Split, index: int) -> Patch:
     """Cut one patch out of the mesh."""
-    face_ids = np.flatnonzero(split.labels == index)
-    faces, vertex_ids = _localise(mesh.faces[face_ids].astype(np.int64), len(mesh.vertices))
-    loops = boundary_loops(faces, pair_half_edges(faces, len(vertex_ids)), len(vertex_ids))
-    loop = vertex_ids[loops[0]]
-    parts = split.edges.parts[split.edges.rank(loop, np.roll(loop, -1))]
-    return Patch(index, mesh.vertices[vertex_ids], faces, vertex_ids, face_ids, loops[0], parts, split.edges.mollification)
+    return next(cut_patches(mesh, topology, split, [index]))

@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from pgcp.curves import crosses_itself
-from pgcp.dirichlet import DirichletFactor, eliminate_interior
+from pgcp.dirichlet import DirichletFactor, eliminate_mesh
 from pgcp.errors import WeldFailedError
 from pgcp.flatten import flatten_boundary
 from pgcp.interface import Merge, extend_inside, merge_operators, solve_inside
-from pgcp.operators import cotangent_laplacian
 from pgcp.puncture import Charts, alternated, opened_positions
 from pgcp.solve import extend_patch, solve_patch
 from pgcp.split import cut_patch, plan_welds, split_mesh
@@ -97,8 +96,8 @@ class SolveReport:
 
 def factor_patch(patch: Patch, backend: str, kept: IntArray | None = None) -> DirichletFactor:
     """Eliminate a patch's interior, or all but the local vertices ``kept``."""
-    laplacian = cotangent_laplacian(patch.vertices, patch.faces, patch.mollification)
-    return eliminate_interior(laplacian, patch.boundary if kept is None else kept, backend)
+    kept = patch.boundary if kept is None else kept
+    return eliminate_mesh(patch.vertices, patch.faces, kept, backend, patch.mollification)
 
 
 def flatten_simply(patch: Patch, factor: DirichletFactor, method: str, backend: str) -> BoundaryCurve:
@@ -114,13 +113,14 @@ def flatten_simply(patch: Patch, factor: DirichletFactor, method: str, backend: 
     if len(patch.faces) < 2:
         raise WeldFailedError(f"the free boundary of patch {patch.index} crosses itself in a single face")
     mesh = Mesh(patch.vertices, patch.faces, f"patch {patch.index}")
-    split = split_mesh(mesh, examine(mesh.faces, len(mesh.vertices)), 2, mollification=patch.mollification)
+    topology = examine(mesh.faces, len(mesh.vertices))
+    split = split_mesh(mesh, topology, 2, mollification=patch.mollification)
     parts = split.edges.parts.copy()
     parts[split.edges.rank(patch.boundary, np.roll(patch.boundary, -1))] = patch.parts
     split = replace(split, edges=replace(split.edges, parts=parts))
     halves, pieces = {}, 0
     for index in range(2):
-        half = cut_patch(mesh, split, index)
+        half = cut_patch(mesh, topology, split, index)
         half_factor = factor_patch(half, backend)
         curve = flatten_simply(half, half_factor, method, backend)
         half_factor.release()

@@ -16,6 +16,7 @@ from pgcp.types import IntArray
 
 BOUNDARY = -1
 NON_MANIFOLD = -2
+_MANY = 64  # edges from one vertex that are sorted by insertion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,61 +85,78 @@ class Topology:
 
 
 @numba.njit(cache=True)
-def _counting_order(keys: IntArray, previous: IntArray, size: int) -> IntArray:
-    """Stable counting sort of ``previous`` (a permutation) by ``keys[previous]``."""
-    starts = np.zeros(size + 1, np.int64)
-    for h in range(keys.shape[0]):
-        starts[keys[h] + 1] += 1
-    for v in range(size):
+def _by_lower_end(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray, IntArray]:
+    """Half-edges sorted by their lower vertex, and within it as they come: where each vertex begins, half-edge, higher vertex."""
+    starts = np.zeros(vertex_count + 1, np.int64)
+    for f in range(faces.shape[0]):
+        for i in range(3):
+            starts[min(faces[f, i], faces[f, (i + 1) % 3]) + 1] += 1
+    for v in range(vertex_count):
         starts[v + 1] += starts[v]
-    order = np.empty(previous.shape[0], np.int64)
-    for r in range(previous.shape[0]):
-        h = previous[r]
-        order[starts[keys[h]]] = h
-        starts[keys[h]] += 1
-    return order
-
-
-@numba.njit(cache=True)
-def _pair(faces: IntArray, vertex_count: int) -> tuple[IntArray, int, IntArray, IntArray]:
-    half_edge_count = 3 * faces.shape[0]
-    low = np.empty(half_edge_count, np.int64)
-    high = np.empty(half_edge_count, np.int64)
+    fill = starts.copy()
+    half_edge = np.empty(3 * faces.shape[0], np.int64)
+    higher = np.empty(3 * faces.shape[0], np.int32)
     for f in range(faces.shape[0]):
         for i in range(3):
             a, b = faces[f, i], faces[f, (i + 1) % 3]
-            low[3 * f + i] = min(a, b)
-            high[3 * f + i] = max(a, b)
-    order = _counting_order(high, np.arange(half_edge_count), vertex_count)
-    order = _counting_order(low, order, vertex_count)
-    twins = np.full(half_edge_count, BOUNDARY, np.int64)
-    crowded = np.zeros(half_edge_count, np.bool_)
-    turned = np.zeros(half_edge_count, np.bool_)
+            at = fill[min(a, b)]
+            fill[min(a, b)] += 1
+            half_edge[at], higher[at] = 3 * f + i, max(a, b)
+    return starts, half_edge, higher
+
+
+@numba.njit(cache=True)
+def _pair(faces: IntArray, vertex_count: int, twins: IntArray) -> tuple[int, IntArray, IntArray]:
+    """Fill in twins; returns the number of edges, and half-edges, one an edge, of more than two faces and of two that disagree."""
+    starts, half_edge, higher = _by_lower_end(faces, vertex_count)
+    crowded = [np.int64(0) for _ in range(0)]
+    turned = [np.int64(0) for _ in range(0)]
     edge_count = 0
-    start = 0
-    while start < half_edge_count:
-        stop = start + 1
-        first = order[start]
-        while stop < half_edge_count and low[order[stop]] == low[first] and high[order[stop]] == high[first]:
-            stop += 1
-        edge_count += 1
-        if stop - start == 2:
-            second = order[start + 1]
-            twins[first], twins[second] = second, first
-            if faces[first // 3, first % 3] == faces[second // 3, second % 3]:
-                turned[first] = True
-        elif stop - start > 2:
-            crowded[first] = True
-            for r in range(start, stop):
-                twins[order[r]] = NON_MANIFOLD
-        start = stop
-    return twins, edge_count, np.flatnonzero(crowded), np.flatnonzero(turned)
+    for v in range(vertex_count):
+        low, high = starts[v], starts[v + 1]
+        if high - low > _MANY:
+            order = np.argsort(higher[low:high], kind="mergesort")
+            higher[low:high] = higher[low:high][order]
+            half_edge[low:high] = half_edge[low:high][order]
+        else:
+            for i in range(low + 1, high):
+                key, h, j = higher[i], half_edge[i], i - 1
+                while j >= low and higher[j] > key:
+                    higher[j + 1], half_edge[j + 1] = higher[j], half_edge[j]
+                    j -= 1
+                higher[j + 1], half_edge[j + 1] = key, h
+        start = low
+        while start < high:
+            stop = start + 1
+            while stop < high and higher[stop] == higher[start]:
+                stop += 1
+            edge_count += 1
+            first = half_edge[start]
+            if stop - start == 2:
+                second = half_edge[start + 1]
+                twins[first], twins[second] = second, first
+                if faces[first // 3, first % 3] == faces[second // 3, second % 3]:
+                    turned.append(first)
+            elif stop - start > 2:
+                crowded.append(first)
+                for r in range(start, stop):
+                    twins[half_edge[r]] = NON_MANIFOLD
+            start = stop
+    return edge_count, np.sort(np.array(crowded)), np.sort(np.array(turned))
+
+
+def _paired(faces: IntArray, vertex_count: int) -> tuple[IntArray, int, IntArray, IntArray]:
+    """Twins (3F,), in 32 bits where they fit, and what ``_pair`` says."""
+    half_edge_count = 3 * len(faces)
+    twins = np.full(half_edge_count, BOUNDARY, np.int32 if half_edge_count < 2**31 else np.int64)
+    if half_edge_count == 0:
+        return twins, 0, np.empty(0, np.int64), np.empty(0, np.int64)
+    return twins, *_pair(np.ascontiguousarray(faces), vertex_count, twins)
 
 
 def pair_half_edges(faces: IntArray, vertex_count: int) -> IntArray:
     """Twin half-edge of every half-edge (3F,): -1 on the boundary, -2 where three or more faces meet."""
-    twins: IntArray = _pair(np.ascontiguousarray(faces, np.int64), vertex_count)[0]
-    return twins
+    return _paired(faces, vertex_count)[0]
 
 
 @numba.njit(cache=True)
@@ -175,9 +193,13 @@ def boundary_loops(faces: IntArray, twins: IntArray, vertex_count: int) -> tuple
     if len(open_half_edges) == 0:
         return ()
     flat = faces.reshape(-1)
-    tails = flat[open_half_edges]
     corner = open_half_edges % 3
-    heads = flat[open_half_edges - corner + (corner + 1) % 3]
+    loops = loops_of(flat[open_half_edges], flat[open_half_edges - corner + (corner + 1) % 3])
+    return tuple(sorted(loops, key=lambda loop: (-len(loop), loop[0])))
+
+
+def loops_of(tails: IntArray, heads: IntArray) -> list[IntArray]:
+    """Closed loops of directed edges, of which at most one leaves any vertex: each from its lowest vertex, by that vertex."""
     follower = dict(zip(tails.tolist(), heads.tolist(), strict=True))
     loops = []
     for tail in sorted(follower):
@@ -189,14 +211,29 @@ def boundary_loops(faces: IntArray, twins: IntArray, vertex_count: int) -> tuple
             loop.append(vertex)
             vertex = follower.pop(vertex)
         loops.append(np.array(loop, np.int64))
-    return tuple(sorted(loops, key=lambda loop: (-len(loop), loop[0])))
+    return loops
 
 
-def _face_components(twins: IntArray, face_count: int) -> tuple[int, IntArray]:
-    inner = np.flatnonzero(twins >= 0)
-    graph = coo_array((np.ones(len(inner), np.int8), (inner // 3, twins[inner] // 3)), (face_count, face_count))
-    count, labels = connected_components(graph, directed=False)
-    return int(count), labels
+@numba.njit(cache=True)
+def _component_count(twins: IntArray) -> int:
+    """Connected components of faces that share an edge."""
+    face_count = twins.shape[0] // 3
+    leader = np.arange(face_count).astype(np.int32)
+    count = face_count
+    for h in range(twins.shape[0]):
+        if twins[h] <= h:
+            continue
+        a, b = h // 3, twins[h] // 3
+        while leader[a] != a:
+            leader[a] = leader[leader[a]]
+            a = leader[a]
+        while leader[b] != b:
+            leader[b] = leader[leader[b]]
+            b = leader[b]
+        if a != b:
+            leader[max(a, b)] = min(a, b)
+            count -= 1
+    return count
 
 
 def _is_orientable(faces: IntArray, twins: IntArray) -> bool:
@@ -235,12 +272,13 @@ def examine(faces: IntArray, vertex_count: int) -> Topology:
 
     Parameters: faces (F, 3) integers in [0, vertex_count). Nothing is changed or repaired.
     """
-    faces = np.ascontiguousarray(faces, np.int64)
+    faces = np.ascontiguousarray(faces)
     defects: list[Defect] = []
-    repeated = np.flatnonzero((faces == faces[:, [1, 2, 0]]).any(axis=1))
+    a, b, c = faces.T
+    repeated = np.flatnonzero((a == b) | (b == c) | (c == a))
     if len(repeated):
         defects.append(_defect("repeated-index-face", repeated, "{n} faces use a vertex twice: faces {which}"))
-    twins, edge_count, crowded, turned = _pair(faces, vertex_count)
+    twins, edge_count, crowded, turned = _paired(faces, vertex_count)
     flat = faces.reshape(-1)
 
     def ends(half_edges: IntArray) -> IntArray:
@@ -268,7 +306,7 @@ def examine(faces: IntArray, vertex_count: int) -> Topology:
     referenced = np.zeros(vertex_count, bool)
     referenced[flat] = True
     used = int(np.count_nonzero(referenced))
-    components, _ = _face_components(twins, len(faces)) if len(faces) else (0, None)
+    components = int(_component_count(twins))
     return Topology(
         vertex_count=vertex_count,
         face_count=len(faces),

@@ -19,7 +19,7 @@ Positions = npt.NDArray[Any]  # complex (n,) in the plane, or unit vectors (n, 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
-    """A triangle mesh: vertices (V, 3) float64, faces (F, 3) integers, counter-clockwise from outside.
+    """A triangle mesh: vertices (V, 3) float64, faces (F, 3) integers, kept as int32, counter-clockwise from outside.
 
     The last ``filler`` faces close holes: they are mapped with the others, but neither measured nor given out.
     Raises InputError where shapes, indices or coordinates are not those of a mesh.
@@ -46,13 +46,17 @@ class Mesh:
                 f"{self.name}: face {bad} uses vertex {high if high >= len(vertices) else low}, "
                 f"but the mesh has vertices 0 to {len(vertices) - 1}"
             )
-        if not np.isfinite(vertices).all():
+        # a sum is finite only where all terms are, but may overflow
+        with np.errstate(over="ignore", invalid="ignore"):
+            finite = np.isfinite(vertices.sum())
+        if not finite and not np.isfinite(vertices).all():
             bad = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
             raise DegenerateError(f"{self.name}: vertex {bad} has a coordinate that is not a finite number")
         if not 0 <= self.filler < len(faces):
             raise InputError(f"{self.name}: {self.filler} of {len(faces)} faces cannot be filler")
+        small = len(vertices) < 2**31
         object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "faces", faces)
+        object.__setattr__(self, "faces", faces.astype(np.int32 if small else np.int64, copy=False))
 
     @property
     def bare(self) -> Mesh:

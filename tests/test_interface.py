@@ -45,8 +45,9 @@ def kept_of(mesh):
 
 def patchwise(mesh, count, folder, kept, cache=2**30):
     """The InterfaceFactor of a mesh in so many patches."""
-    split = split_mesh(mesh, examine(mesh.faces, len(mesh.vertices)), count)
-    patches = [cut_patch(mesh, split, index) for index in range(count)]
+    topology = examine(mesh.faces, len(mesh.vertices))
+    split = split_mesh(mesh, topology, count)
+    patches = [cut_patch(mesh, topology, split, index) for index in range(count)]
     for patch in patches:
         PatchStore(folder).write_patch(patch)
     job = Job(f"{mesh.name}-{count}-{folder}", folder, "dncp", choose_backend(), cache)

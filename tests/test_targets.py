@@ -32,10 +32,11 @@ def rays(n, which):
 
 
 def components(mesh, patches, seed=0):
-    split = split_mesh(mesh, examine(mesh.faces, len(mesh.vertices)), patches, seed)
+    topology = examine(mesh.faces, len(mesh.vertices))
+    split = split_mesh(mesh, topology, patches, seed)
     out = {}
     for index in range(split.patch_count):
-        patch = cut_patch(mesh, split, index)
+        patch = cut_patch(mesh, topology, split, index)
         factor = factor_patch(patch, choose_backend("auto"))
         out[index] = start_component(flatten_simply(patch, factor, "dncp", choose_backend("auto")), mesh.vertices, split.edges)
         factor.release()
@@ -65,14 +66,14 @@ def test_a_cap_in_other_patches(patches):
 @pytest.mark.parametrize("length", [0.5, 2.0, 4.0])
 def test_a_spheroid_goes_to_the_sphere_by_its_exact_map(length):
     errors = []
-    for levels in (2, 3, 4):
+    for levels in (2, 3, 4, 5):
         mesh, exact = spheroid(levels, length)
         result = pgcp.parameterize(mesh, patches=6)
         assert result.target == "sphere"
         assert result.quality.degree == pytest.approx(1.0, abs=1e-9)
         errors.append(moebius_distance(result.coordinates, exact))
     assert errors[-1] < 2e-2
-    assert np.log2(errors[0] / errors[-1]) / 2 > 1.0
+    assert np.log2(errors[0] / errors[-1]) / 3 > 1.0
 
 
 @pytest.mark.parametrize("patches", [2, 6])

@@ -145,6 +145,11 @@ def _place(element: _Element, name: str) -> int:
     return next(i for i, p in enumerate(element.properties) if p.name == name)
 
 
+def _narrow(kind: np.dtype) -> type:
+    """The smaller of two integer types that holds all values of a kind."""
+    return np.int32 if np.can_cast(kind, np.int32) else np.int64
+
+
 class _Lists:
     """Rows with lists: many of one shape at once, rows of changing shape one by one."""
 
@@ -170,11 +175,13 @@ class _Lists:
         sizes = joined(self._sizes, (0,), np.int64)
         if (sizes != 3).any():
             raise not_triangles(sizes)
-        return np.asarray(joined(self._faces, (0, 3), np.int64))
+        return np.asarray(joined(self._faces, (0, 3), np.int32))
 
     def _keep(self, corners: np.ndarray) -> None:
         done = sum(map(len, self._faces))
-        self._faces.append(whole(corners, "face", done) if corners.dtype.kind == "f" else corners.astype(np.int64))
+        self._faces.append(
+            whole(corners, "face", done) if corners.dtype.kind == "f" else corners.astype(_narrow(corners.dtype))
+        )
 
     def _same_shape(self) -> int:
         """Read the rows from here on whose lists are as long as in the next row; returns how many."""

@@ -1,0 +1,231 @@
+"""Straighten seams: each is replaced by the shortest path of edges between its ends, within a band around it."""
+
+from __future__ import annotations
+
+from heapq import heappop, heappush
+
+import numba
+import numpy as np
+
+from partition.dual_graph import FloatArray, IntArray
+
+
+@numba.njit(cache=True)
+def _before(h: int) -> int:
+    return h - 1 if h % 3 else h + 2
+
+
+@numba.njit(cache=True)
+def _after(h: int) -> int:
+    return h + 1 if h % 3 < 2 else h - 2
+
+
+@numba.njit(cache=True)
+def _runs(twins: IntArray, labels: IntArray, start: int) -> int:
+    """Changes of label around a vertex, from one of its half-edges on; 3 or more also where it is on the surface's boundary."""
+    changes, h = 0, start
+    while True:
+        before = _before(h)
+        other = twins[before]
+        if other < 0:
+            return 3
+        if labels[other // 3] != labels[h // 3]:
+            changes += 1
+        h = other
+        if h == start:
+            return changes
+
+
+@numba.njit(cache=True)
+def _next_on_seam(twins: IntArray, labels: IntArray, h: int) -> int:
+    """The seam's half-edge after h, with the same two labels at its sides; h ends in a vertex of this seam alone."""
+    h = _after(h)
+    while labels[twins[h] // 3] == labels[h // 3]:
+        h = _after(twins[h])
+    return h
+
+
+@numba.njit(cache=True)
+def _band(
+    faces: IntArray,
+    twins: IntArray,
+    labels: IntArray,
+    starts: IntArray,
+    seam: IntArray,
+    rings: int,
+    mark: IntArray,
+    number: int,
+) -> None:
+    """Mark with ``number`` the vertices that a path in place of the seam may use: near it, and on no other seam."""
+    near = [int(0) for _ in range(0)]
+    p, q = labels[seam[0] // 3], labels[twins[seam[0]] // 3]
+    for i in range(1, seam.shape[0]):
+        v = faces[seam[i] // 3, seam[i] % 3]
+        mark[v] = number
+        near.append(v)
+    begin = 0
+    for _ in range(rings):
+        end = len(near)
+        for i in range(begin, end):
+            first = starts[near[i]]
+            h = first
+            while True:
+                v = faces[_after(h) // 3, _after(h) % 3]
+                if mark[v] != number and starts[v] >= 0:
+                    label = labels[starts[v] // 3]
+                    if (label == p or label == q) and _runs(twins, labels, starts[v]) == 0:
+                        mark[v] = number
+                        near.append(v)
+                h = twins[_before(h)]
+                if h < 0 or h == first:
+                    break
+        begin = end
+
+
+@numba.njit(cache=True)
+def _shortest(
+    faces: IntArray,
+    twins: IntArray,
+    labels: IntArray,
+    lengths: FloatArray,
+    starts: IntArray,
+    seam: IntArray,
+    mark: IntArray,
+    number: int,
+    distance: FloatArray,
+    came: IntArray,
+) -> IntArray:
+    """Half-edges of the shortest path between the seam's ends over marked vertices; none where it is no shorter."""
+    p, q = labels[seam[0] // 3], labels[twins[seam[0]] // 3]
+    source = faces[seam[0] // 3, seam[0] % 3]
+    last = _after(seam[-1])
+    target = faces[last // 3, last % 3]
+    now = 0.0
+    for i in range(seam.shape[0]):
+        now += lengths[seam[i]]
+    reached = [source]
+    distance[source] = 0.0
+    heap = [(0.0, source)]
+    while len(heap) > 0:
+        far, v = heappop(heap)
+        if v == target or far >= now:
+            break
+        if far > distance[v]:
+            continue
+        first = starts[v]
+        h = first
+        while True:
+            head = _after(h)
+            w = faces[head // 3, head % 3]
+            if twins[h] >= 0 and (mark[w] == number or w == target):
+                one, other = labels[h // 3], labels[twins[h] // 3]
+                step = far + lengths[h]
+                another = v == source and w == target and one != other  # a single edge, which is another seam
+                if (one == p or one == q) and (other == p or other == q) and not another and step < distance[w]:
+                    if distance[w] == np.inf:
+                        reached.append(w)
+                    distance[w], came[w] = step, h
+                    heappush(heap, (step, w))
+            h = twins[_before(h)]
+            if h < 0 or h == first:
+                break
+    path = [int(0) for _ in range(0)]
+    if distance[target] < now * (1.0 - 1e-12):
+        v = target
+        while v != source:
+            path.append(came[v])
+            v = faces[came[v] // 3, came[v] % 3]
+    for v in reached:
+        distance[v] = np.inf
+    return np.array(path)[::-1].copy() if len(path) > 0 else np.empty(0, np.int64)
+
+
+@numba.njit(cache=True)
+def _fill(twins: IntArray, labels: IntArray, size: IntArray, wall: IntArray, number: int, seeds: IntArray, label: int) -> None:
+    """Give the seeds that carry another label, and all faces of theirs not behind the wall, this label."""
+    work = [int(0) for _ in range(0)]
+    old = -1
+    for f in seeds:
+        if labels[f] != label:
+            old = labels[f]
+            labels[f] = label
+            work.append(f)
+    while len(work) > 0:
+        f = work.pop()
+        size[old] -= 1
+        size[label] += 1
+        for i in range(3):
+            h = 3 * f + i
+            if twins[h] >= 0 and wall[h] != number and labels[twins[h] // 3] == old:
+                labels[twins[h] // 3] = label
+                work.append(twins[h] // 3)
+
+
+@numba.njit(cache=True)
+def _replace(
+    twins: IntArray, labels: IntArray, size: IntArray, path: IntArray, wall: IntArray, number: int, p: int, q: int
+) -> None:
+    """Make the path the seam between p, on its left, and q."""
+    left, right = path // 3, np.empty_like(path)
+    for i in range(path.shape[0]):
+        right[i] = twins[path[i]] // 3
+        wall[path[i]] = number
+        wall[twins[path[i]]] = number
+    _fill(twins, labels, size, wall, number, left, p)
+    _fill(twins, labels, size, wall, number, right, q)
+
+
+@numba.njit(cache=True)
+def straighten_seams(
+    faces: IntArray, twins: IntArray, lengths: FloatArray, starts: IntArray, labels: IntArray, part_count: int, rings: int
+) -> int:
+    """Replace every seam in place by the shortest path of edges within so many rings of it; returns how many have changed.
+
+    The ends of seams stay where they are. A path uses no vertex of another seam or of the surface's boundary, so parts that
+    are disks stay disks: what a seam joins is a disk, which the path cuts in two.
+    """
+    vertex_count = starts.shape[0]
+    mark = np.full(vertex_count, -1, np.int32)
+    wall = np.full(twins.shape[0], -1, np.int32)
+    distance = np.full(vertex_count, np.inf)
+    came = np.full(vertex_count, -1, np.int64)
+    size = np.zeros(part_count, np.int64)
+    for f in range(labels.shape[0]):
+        size[labels[f]] += 1
+    seams = [np.empty(0, np.int64) for _ in range(0)]
+    seen = np.zeros(twins.shape[0], np.bool_)
+    for closed in (False, True):
+        for h in range(twins.shape[0]):
+            if twins[h] < 0 or seen[h] or labels[h // 3] >= labels[twins[h] // 3]:
+                continue
+            if not closed and _runs(twins, labels, starts[faces[h // 3, h % 3]]) < 3:
+                continue
+            seam = [h]
+            seen[h] = True
+            while True:
+                head = _after(seam[-1])
+                if _runs(twins, labels, starts[faces[head // 3, head % 3]]) >= 3:
+                    break
+                follower = _next_on_seam(twins, labels, seam[-1])
+                if seen[follower]:
+                    break
+                seen[follower] = True
+                seam.append(follower)
+            half = len(seam) // 2
+            if closed and half > 0:
+                seams.append(np.array(seam[:half]))
+                seams.append(np.array(seam[half:]))
+            else:
+                seams.append(np.array(seam))
+    changed = 0
+    for number in range(len(seams)):
+        seam = seams[number]
+        if seam.shape[0] < 2:
+            continue
+        p, q = labels[seam[0] // 3], labels[twins[seam[0]] // 3]
+        _band(faces, twins, labels, starts, seam, rings, mark, number)
+        path = _shortest(faces, twins, labels, lengths, starts, seam, mark, number, distance, came)
+        if path.shape[0] > 0:
+            _replace(twins, labels, size, path, wall, number, p, q)
+            changed += 1
+    return changed

@@ -1,0 +1,263 @@
+"""Nested dissection of a patch by its faces: which vertices are eliminated together, and in which order.
+
+The faces are halved again and again, across the longest axis of each half's centroids, down to leaves of a few faces. The
+halves form a complete binary tree, numbered children first. A vertex is eliminated at the lowest node that holds all of
+its faces: by then everything that it is joined to is known (George 1973). Vertices to be kept are in no node.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from pgcp.types import FloatArray, IntArray
+
+_LEAF_FACES = 24
+_SAMPLE = 1000
+_POWER_STEPS = 12
+
+
+class EliminationTree(NamedTuple):
+    """What is eliminated where. Positions are ranks in the order of elimination, kept vertices last.
+
+    order (F,): faces, leaf by leaf; depth of the tree; children (N, 2) of each node, -1 at leaves; leaf (N,) number of a
+    leaf, -1 elsewhere; first (N + 1,): node k eliminates positions first[k] to first[k + 1]; position (n,) of each vertex;
+    starts (N + 1,) into others: the sorted later positions that each node's faces touch; sizes of the factor, of the
+    largest stack of update matrices, and of the largest front, in numbers and rows.
+    """
+
+    order: IntArray
+    depth: int
+    children: IntArray
+    leaf: IntArray
+    first: IntArray
+    position: IntArray
+    starts: IntArray
+    others: IntArray
+    factor_size: int
+    stack_size: int
+    widest: int
+
+
+@numba.njit(cache=True, nogil=True)
+def _halve(key: FloatArray, items: IntArray, low: int, high: int, middle: int) -> None:
+    """Reorder items and keys in [low, high) so that none before ``middle`` has a larger key than one from it on."""
+    last = high - 1
+    while low < last:
+        a, b, c = key[low], key[(low + last) // 2], key[last]
+        pivot = max(min(a, b), min(max(a, b), c))
+        i, j = low, last
+        while i <= j:
+            while key[i] < pivot:
+                i += 1
+            while key[j] > pivot:
+                j -= 1
+            if i <= j:
+                key[i], key[j] = key[j], key[i]
+                items[i], items[j] = items[j], items[i]
+                i += 1
+                j -= 1
+        if middle <= j:
+            last = j
+        elif middle >= i:
+            low = i
+        else:
+            return
+
+
+@numba.njit(cache=True, nogil=True)
+def _long_axis(points: FloatArray, items: IntArray, low: int, high: int) -> FloatArray:
+    """Direction (3,) in which an even sample of the points spreads most."""
+    stride = max(1, (high - low) // _SAMPLE)
+    mean = np.zeros(3)
+    count = 0
+    for i in range(low, high, stride):
+        count += 1
+        for d in range(3):
+            mean[d] += points[items[i], d]
+    mean /= count
+    spread = np.zeros((3, 3))
+    for i in range(low, high, stride):
+        for d in range(3):
+            for e in range(3):
+                spread[d, e] += (points[items[i], d] - mean[d]) * (points[items[i], e] - mean[e])
+    axis = np.array([1.0, 0.9, 0.8])
+    for _ in range(_POWER_STEPS):
+        turned = np.zeros(3)
+        for d in range(3):
+            for e in range(3):
+                turned[d] += spread[d, e] * axis[e]
+        size = np.sqrt((turned**2).sum())
+        if size == 0.0:
+            break
+        axis = turned / size
+    return axis
+
+
+@numba.njit(cache=True, nogil=True)
+def halved_faces(vertices: FloatArray, faces: IntArray, leaf_faces: int) -> tuple[IntArray, int]:
+    """Faces (F,) in an order in which node j of level l holds those from F j / 2^l to F (j + 1) / 2^l; the tree's depth."""
+    n = faces.shape[0]
+    centre = np.empty((n, 3))
+    for f in range(n):
+        for d in range(3):
+            centre[f, d] = vertices[faces[f, 0], d] + vertices[faces[f, 1], d] + vertices[faces[f, 2], d]
+    depth = 0
+    while (n >> depth) > leaf_faces:
+        depth += 1
+    order = np.arange(n).astype(np.int32)
+    key = np.empty(n)
+    for level in range(depth):
+        for j in range(1 << level):
+            low, high = (n * j) >> level, (n * (j + 1)) >> level
+            axis = _long_axis(centre, order, low, high)
+            for i in range(low, high):
+                f = order[i]
+                key[i] = axis[0] * centre[f, 0] + axis[1] * centre[f, 1] + axis[2] * centre[f, 2]
+            _halve(key, order, low, high, (n * (2 * j + 1)) >> (level + 1))
+    return order, depth
+
+
+@numba.njit(cache=True, nogil=True)
+def _numbered(depth: int) -> tuple[IntArray, IntArray, IntArray]:
+    """Nodes of a complete binary tree, children before parents: number of each heap place, children, leaf of each number."""
+    leaves = 1 << depth
+    count = 2 * leaves - 1
+    number = np.empty(count, np.int32)
+    children = np.full((count, 2), -1, np.int32)
+    leaf = np.full(count, -1, np.int32)
+    number[0] = count - 1
+    level = 0
+    for place in range(count):
+        if place + 1 >= 2 << level:
+            level += 1
+        own = number[place]
+        if level == depth:
+            leaf[own] = place - (leaves - 1)
+            continue
+        right = own - 1
+        left = right - ((1 << (depth - level)) - 1)
+        number[2 * place + 1], number[2 * place + 2] = left, right
+        children[own, 0], children[own, 1] = left, right
+    return number, children, leaf
+
+
+@numba.njit(cache=True, nogil=True)
+def _positions(
+    faces: IntArray, order: IntArray, depth: int, number: IntArray, vertex_count: int, kept: IntArray
+) -> tuple[IntArray, IntArray]:
+    """Where each node's eliminated vertices begin (N + 1,), and every vertex's position (n,), -1 where no face uses it."""
+    n, leaves = faces.shape[0], 1 << depth
+    low = np.full(vertex_count, -1, np.int32)
+    high = np.full(vertex_count, -1, np.int32)
+    for leaf in range(leaves):
+        for p in range((n * leaf) >> depth, (n * (leaf + 1)) >> depth):
+            for i in range(3):
+                v = faces[order[p], i]
+                if low[v] < 0:
+                    low[v] = leaf
+                high[v] = leaf
+    for v in kept:
+        low[v] = -1
+    count = 2 * leaves - 1
+    node = np.full(vertex_count, -1, np.int32)
+    first = np.zeros(count + 1, np.int64)
+    for v in range(vertex_count):
+        if low[v] >= 0:
+            a, b, level = low[v], high[v], depth
+            while a != b:
+                a, b, level = a >> 1, b >> 1, level - 1
+            node[v] = number[(1 << level) - 1 + a]
+            first[node[v] + 1] += 1
+    for k in range(count):
+        first[k + 1] += first[k]
+    fill = first.copy()
+    position = np.full(vertex_count, -1, np.int32)
+    for v in range(vertex_count):
+        if node[v] >= 0:
+            position[v] = fill[node[v]]
+            fill[node[v]] += 1
+    for i in range(kept.shape[0]):
+        position[kept[i]] = first[count] + i
+    return first, position
+
+
+@numba.njit(cache=True, nogil=True)
+def _with_room(array: IntArray, used: int, more: int) -> IntArray:
+    if used + more <= array.shape[0]:
+        return array
+    out = np.empty(2 * array.shape[0] + more, array.dtype)
+    out[:used] = array[:used]
+    return out
+
+
+@numba.njit(cache=True, nogil=True)
+def _later_positions(
+    faces: IntArray, order: IntArray, depth: int, children: IntArray, leaf: IntArray, first: IntArray, position: IntArray
+) -> tuple[IntArray, IntArray]:
+    """For every node the sorted positions from first[k + 1] on that its faces touch: starts (N + 1,) and the positions."""
+    n, count = faces.shape[0], children.shape[0]
+    starts = np.zeros(count + 1, np.int64)
+    others = np.empty(4 * position.shape[0] + 1024, np.int32)
+    seen = np.full(position.shape[0], -1, np.int32)
+    total = 0
+    for k in range(count):
+        end = first[k + 1]
+        if leaf[k] >= 0:
+            low, high = (n * leaf[k]) >> depth, (n * (leaf[k] + 1)) >> depth
+            others = _with_room(others, total, 3 * (high - low))
+            for p in range(low, high):
+                for i in range(3):
+                    v = faces[order[p], i]
+                    if position[v] >= end and seen[v] != k:
+                        seen[v] = k
+                        others[total] = position[v]
+                        total += 1
+            others[starts[k] : total].sort()
+        else:
+            a, a_end = starts[children[k, 0]], starts[children[k, 0] + 1]
+            b, b_end = starts[children[k, 1]], starts[children[k, 1] + 1]
+            others = _with_room(others, total, a_end - a + b_end - b)
+            while a < a_end or b < b_end:
+                if b >= b_end or (a < a_end and others[a] <= others[b]):
+                    lowest = others[a]
+                    if b < b_end and others[b] == lowest:
+                        b += 1
+                    a += 1
+                else:
+                    lowest = others[b]
+                    b += 1
+                if lowest >= end:
+                    others[total] = lowest
+                    total += 1
+        starts[k + 1] = total
+    return starts, others[:total].copy()
+
+
+@numba.njit(cache=True)
+def _sizes(children: IntArray, first: IntArray, starts: IntArray) -> tuple[int, int, int]:
+    """Numbers in the factor and in the largest stack of update matrices, and rows of the largest front."""
+    factor, stack, most, widest = 0, 0, 0, 0
+    for k in range(children.shape[0]):
+        own, rest = first[k + 1] - first[k], starts[k + 1] - starts[k]
+        factor += own * (own + rest)
+        if children[k, 0] >= 0:
+            for child in children[k]:
+                stack -= (starts[child + 1] - starts[child]) ** 2
+        stack += rest * rest
+        most, widest = max(most, stack), max(widest, own + rest)
+    return factor, most, widest
+
+
+def dissect(vertices: FloatArray, faces: IntArray, kept: IntArray, leaf_faces: int = _LEAF_FACES) -> EliminationTree:
+    """Plan the elimination of all vertices but ``kept`` (n_K,) of a mesh, vertices (n, 3), faces (F, 3).
+
+    Kept vertices come last, in the order given.
+    """
+    order, depth = halved_faces(vertices, faces, leaf_faces)
+    number, children, leaf = _numbered(depth)
+    first, position = _positions(faces, order, depth, number, len(vertices), np.asarray(kept, np.int64))
+    starts, others = _later_positions(faces, order, depth, children, leaf, first, position)
+    return EliminationTree(order, depth, children, leaf, first, position, starts, others, *_sizes(children, first, starts))
