@@ -52,7 +52,7 @@ def partition_faces(vertices: FloatArray, faces: IntArray, twins: IntArray, part
     lengths = edge_lengths(vertices, faces)
     size = int(np.clip(len(faces) // (_CLUSTERS_PER_PART * part_count), 1, _LARGEST_CLUSTER))
     cluster, sizes, graph = cluster_graph(twins, lengths, size)
-    labels = kway_labels(graph, part_count, seed, sizes).astype(np.int32)[cluster]
+    labels: IntArray = kway_labels(graph, part_count, seed, sizes).astype(np.int32)[cluster]
     labels = make_disks(vertices, faces, twins, labels, part_count)
     starts = vertex_starts(faces, twins, len(vertices))
     limit = max(int(_BALANCE * len(faces) / part_count), int(np.bincount(labels).max()))

@@ -101,7 +101,7 @@ def label_components(twins: IntArray, labels: IntArray) -> tuple[int, IntArray]:
 @numba.njit(cache=True)
 def seam_half_edges(twins: IntArray, labels: IntArray) -> IntArray:
     """Half-edges between faces of different labels, the lower of each two, increasing."""
-    found = [int(0) for _ in range(0)]
+    found = [0 for _ in range(0)]
     for h in range(twins.shape[0]):
         if twins[h] > h and labels[h // 3] != labels[twins[h] // 3]:
             found.append(h)

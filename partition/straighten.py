@@ -57,7 +57,7 @@ def _band(
     number: int,
 ) -> None:
     """Mark with ``number`` the vertices that a path in place of the seam may use: near it, and on no other seam."""
-    near = [int(0) for _ in range(0)]
+    near = [0 for _ in range(0)]
     p, q = labels[seam[0] // 3], labels[twins[seam[0]] // 3]
     for i in range(1, seam.shape[0]):
         v = faces[seam[i] // 3, seam[i] % 3]
@@ -73,7 +73,7 @@ def _band(
                 v = faces[_after(h) // 3, _after(h) % 3]
                 if mark[v] != number and starts[v] >= 0:
                     label = labels[starts[v] // 3]
-                    if (label == p or label == q) and _runs(twins, labels, starts[v]) == 0:
+                    if label in (p, q) and _runs(twins, labels, starts[v]) == 0:
                         mark[v] = number
                         near.append(v)
                 h = twins[_before(h)]
@@ -121,7 +121,7 @@ def _shortest(
                 one, other = labels[h // 3], labels[twins[h] // 3]
                 step = far + lengths[h]
                 another = v == source and w == target and one != other  # a single edge, which is another seam
-                if (one == p or one == q) and (other == p or other == q) and not another and step < distance[w]:
+                if one in (p, q) and other in (p, q) and not another and step < distance[w]:
                     if distance[w] == np.inf:
                         reached.append(w)
                     distance[w], came[w] = step, h
@@ -129,7 +129,7 @@ def _shortest(
             h = twins[_before(h)]
             if h < 0 or h == first:
                 break
-    path = [int(0) for _ in range(0)]
+    path = [0 for _ in range(0)]
     if distance[target] < now * (1.0 - 1e-12):
         v = target
         while v != source:
@@ -143,7 +143,7 @@ def _shortest(
 @numba.njit(cache=True)
 def _fill(twins: IntArray, labels: IntArray, size: IntArray, wall: IntArray, number: int, seeds: IntArray, label: int) -> None:
     """Give the seeds that carry another label, and all faces of theirs not behind the wall, this label."""
-    work = [int(0) for _ in range(0)]
+    work = [0 for _ in range(0)]
     old = -1
     for f in seeds:
         if labels[f] != label:
@@ -200,23 +200,23 @@ def straighten_seams(
                 continue
             if not closed and _runs(twins, labels, starts[faces[h // 3, h % 3]]) < 3:
                 continue
-            seam = [h]
+            chain = [h]
             seen[h] = True
             while True:
-                head = _after(seam[-1])
+                head = _after(chain[-1])
                 if _runs(twins, labels, starts[faces[head // 3, head % 3]]) >= 3:
                     break
-                follower = _next_on_seam(twins, labels, seam[-1])
+                follower = _next_on_seam(twins, labels, chain[-1])
                 if seen[follower]:
                     break
                 seen[follower] = True
-                seam.append(follower)
-            half = len(seam) // 2
+                chain.append(follower)
+            half = len(chain) // 2
             if closed and half > 0:
-                seams.append(np.array(seam[:half]))
-                seams.append(np.array(seam[half:]))
+                seams.append(np.array(chain[:half]))
+                seams.append(np.array(chain[half:]))
             else:
-                seams.append(np.array(seam))
+                seams.append(np.array(chain))
     changed = 0
     for number in range(len(seams)):
         seam = seams[number]

@@ -10,24 +10,24 @@ from pgcp.beltrami import signed_area
 from pgcp.errors import InputError
 from pgcp.mobius import are_apart, rotation_to_north, shift_disk
 from pgcp.operators import face_areas
-from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, Patch, PatchMap, Positions
+from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, PatchMap, Positions
 
 _INSIDE = 1e-14
 
 
-def collect(mesh: Mesh, parts: Iterable[tuple[Patch, PatchMap]], target: str) -> tuple[Positions, ComplexArray]:
+def collect(mesh: Mesh, parts: Iterable[tuple[IntArray, IntArray, PatchMap]], target: str) -> tuple[Positions, ComplexArray]:
     """One array of positions, complex (V,) or unit vectors (V, 3), and one of Beltrami coefficients mu (F,).
 
-    Vertices on seams have the same position in every patch that holds them. Vertices used by no face are at 0, on the
-    sphere at the north pole.
+    parts: for each patch its vertex_ids and face_ids in the mesh, and its map. Vertices on seams have the same position in
+    every patch that holds them. Vertices used by no face are at 0, on the sphere at the north pole.
     """
     points: Positions = np.zeros(len(mesh.vertices), np.complex128)
     if target == "sphere":
         points = np.tile([0.0, 0.0, 1.0], (len(mesh.vertices), 1))
     mu = np.zeros(len(mesh.faces), np.complex128)
-    for patch, solved in parts:
-        points[patch.vertex_ids] = solved.points
-        mu[patch.face_ids] = solved.mu
+    for vertex_ids, face_ids, solved in parts:
+        points[vertex_ids] = solved.points
+        mu[face_ids] = solved.mu
     return points, mu
 
 

@@ -18,7 +18,7 @@ from pgcp.errors import CrowdedError, NumericalError, PartitionInputError, Solve
 from pgcp.io import read_cuts
 from pgcp.options import DISK_METHODS
 from pgcp.repair import Repaired, Surroundings, embedding_alone, repair_folds
-from pgcp.run import Mapped, Parts, Run, store_parts
+from pgcp.run import Mapped, Parts, Run, discard, store_parts
 from pgcp.split import plans
 from pgcp.types import ComplexArray, IntArray, Positions, SeamPositions
 
@@ -145,6 +145,7 @@ def _maps(run: Run, count: int, seeds: range, cuts: IntArray | None, failures: l
         yield from _welded_maps(run, parts, failures)
         if exact_is_new and not run.exact_first:
             yield _exact_map(run, replace(parts, job=replace(parts.job, run=f"{parts.job.run}-exact")))
+        discard(parts)
 
 
 def _are_enough(failures: list[dict[str, Any]], count: int) -> bool:
@@ -177,8 +178,8 @@ def _welded_maps(run: Run, parts: Parts, failures: list[dict[str, Any]]) -> Iter
         if _are_enough(failures, parts.split.patch_count):
             return
         try:
-            union, welds = weld(run, parts, curves, plan)
-            yield _note(parts, order), solve(run, parts, pieces, plan, union, welds, run.target)
+            union, welds = weld(run, parts, curves, plan, order)
+            yield _note(parts, order), solve(run, parts, pieces, plan, union, welds, run.target, order)
         except _PROBLEMS as problem:
             yield _note(parts, order), problem
             if isinstance(problem, CrowdedError):  # the map to the disk is unique: another order gives the same gaps
@@ -255,7 +256,7 @@ def _alone(run: Run, failures: list[dict[str, Any]], reason: str) -> Outcome:
 def _to_disk(run: Run, mapped: Mapped) -> Mapped:
     """From a map with a free boundary the map to the disk: from the same welds, or else from the first that succeed."""
     if mapped.union is not None and mapped.plan is not None:
-        return solve(run, mapped.parts, mapped.pieces, mapped.plan, mapped.union, mapped.welds, "disk")
+        return solve(run, mapped.parts, mapped.pieces, mapped.plan, mapped.union, mapped.welds, "disk", mapped.order)
     parts = replace(mapped.parts, job=replace(mapped.parts.job, run=f"{mapped.parts.job.run}-disk"))
     problem: Exception | None = None
     for _, found in _welded_maps(replace(run, target="disk"), parts, []):

@@ -31,7 +31,7 @@ _MINIMISE = {"cem": cem_map, "ccem": ccem_map}
 def _eliminated(run: Run, parts: Parts, kept: IntArray) -> InterfaceFactor:
     """The whole mesh's Laplacian with all but some vertices eliminated."""
     plan = plan_welds(parts.split.table, parts.split.patch_count, not run.topology.loops)
-    factor = InterfaceFactor(run.executor, parts.job, parts.patches, plan, kept, len(run.mesh.vertices))
+    factor = InterfaceFactor(run.executor, parts.job, len(parts.patches), plan, kept, len(run.mesh.vertices))
     with run.clock.stage("eliminate"):
         factor.eliminate_patches()
     with run.clock.stage("merge"):
@@ -53,7 +53,7 @@ def map_exactly(run: Run, parts: Parts, target: str) -> Mapped:
         solved = factor.extend_patches(factor.extend_seams(spread_out(seams, len(mesh.vertices))[kept]))
     points: Positions
     with clock.stage("assemble"):
-        points, mu = gathered(run, parts, solved, "free")
+        points, mu = gathered(run, parts, "free")
     if opened is not None:
         with clock.stage("close"):
             points = _closed(run, points, opened, factor)

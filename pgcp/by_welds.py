@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
 from pgcp.constrain import constrain_to_disk, constrain_to_sphere, keep_free
+from pgcp.errors import LostFileError
 from pgcp.exact import InterfaceFactor
-from pgcp.run import Mapped, Parts, Run, gathered, spread_out
-from pgcp.tasks import SolveReport, flatten_task, relax_task, solve_task, weld_closed_task, weld_task
-from pgcp.types import BoundaryCurve, Component, Positions, WeldPlan
+from pgcp.executors import Join
+from pgcp.run import Mapped, Parts, Run, gathered, mapped_through_store, spread_out
+from pgcp.tasks import SolveReport, flatten_task, relax_task, solve_task, weld_task
+from pgcp.types import BoundaryCurve, ComplexArray, Component, Positions, WeldPlan
 from pgcp.weld import start_component
 
 CONSTRAIN = {"free": keep_free, "disk": constrain_to_disk, "sphere": constrain_to_sphere}
@@ -17,30 +20,46 @@ CONSTRAIN = {"free": keep_free, "disk": constrain_to_disk, "sphere": constrain_t
 
 def flatten(run: Run, parts: Parts) -> list[BoundaryCurve]:
     """Flatten all patches."""
+    items = {patch.index: patch.index for patch in parts.patches}
     with run.clock.stage("flatten"):
-        return run.executor.map("flatten", partial(flatten_task, parts.job), range(parts.split.patch_count))
+        return mapped_through_store(run, parts, "flatten", "curve", BoundaryCurve, partial(flatten_task, parts.job), items)
 
 
-def weld(run: Run, parts: Parts, curves: list[BoundaryCurve], plan: WeldPlan) -> tuple[Component, tuple[dict[str, int], ...]]:
-    """Weld all patches by a plan, level by level; a single one gets its natural boundary."""
-    components = {c.patch: start_component(c, run.mesh.vertices, parts.split.edges) for c in curves}
-    notes: list[dict[str, int]] = []
+def weld(
+    run: Run, parts: Parts, curves: list[BoundaryCurve], plan: WeldPlan, order: float
+) -> tuple[Component, tuple[dict[str, int], ...]]:
+    """Weld all patches by a plan, each pair as soon as both are there; a single patch gets its natural boundary.
+
+    Unions that are in the store already are not made again.
+    """
+    kind = f"union-{order:g}"
+    wanted, values, joins = {2 * parts.split.patch_count - 2}, dict[int, Component](), list[Join]()
     with run.clock.stage("weld"):
+        for step in reversed(plan.steps):
+            if step.result not in wanted:
+                continue
+            if parts.store.has(kind, step.result):
+                with suppress(LostFileError):
+                    values[step.result] = parts.store.read(kind, step.result, Component)
+                    continue
+            wanted |= {step.left, step.right}
+            task = partial(weld_task, parts.job, kind, step.result, step.closed)
+            joins.append(Join(step.left, step.right, step.result, task))
+        for curve in curves:
+            if curve.patch in wanted:
+                values[curve.patch] = start_component(curve, run.mesh.vertices, parts.split.edges)
         if parts.split.patch_count == 1:
-            components = dict(enumerate(run.executor.map("weld", relax_task, list(components.values()))))
-        for number, level in enumerate(plan.levels, 1):
-            pairs = [(components.pop(step.left), components.pop(step.right)) for step in level]
-            task = weld_closed_task if level[0].closed else weld_task
-            for step, union in zip(level, run.executor.map(f"weld {number}", task, pairs), strict=True):
-                components[step.result] = union
-                notes.append({"left": step.left, "right": step.right, "level": step.level, "seam_edges": step.seam_edge_count})
-    (union,) = components.values()
+            values = dict(enumerate(run.executor.map("weld", relax_task, list(values.values()))))
+        else:
+            values = run.executor.join("weld", joins[::-1], values, len(plan.steps) - len(joins))
+    (union,) = values.values()
+    notes = [{"left": s.left, "right": s.right, "level": s.level, "seam_edges": s.seam_edge_count} for s in plan.steps]
     return union, tuple(notes)
 
 
 def _solve_exactly(run: Run, parts: Parts, plan: WeldPlan, positions: Positions) -> tuple[list[SolveReport], dict[str, Any]]:
     """Solve the seams as well, the outer boundary held: the harmonic map of the whole mesh."""
-    factor = InterfaceFactor(run.executor, parts.job, parts.patches, plan, run.boundary, len(run.mesh.vertices))
+    factor = InterfaceFactor(run.executor, parts.job, len(parts.patches), plan, run.boundary, len(run.mesh.vertices))
     with run.clock.stage("merge"):
         factor.merge()
     with run.clock.stage("solve"):
@@ -58,6 +77,7 @@ def solve(
     union: Component,
     welds: tuple[dict[str, int], ...],
     target: str,
+    order: float,
 ) -> Mapped:
     """Constrain a union to the target, solve all patches, and put them together."""
     with run.clock.stage("constrain"):
@@ -66,10 +86,28 @@ def solve(
     record = None
     if run.options.seams == "relax":
         solved, record = _solve_exactly(run, parts, plan, positions)
+        with run.clock.stage("assemble"):
+            points, mu = gathered(run, parts, target)
     else:
+        solved, points, mu = _solve_patches(run, parts, positions, target, f"-{order:g}-{target}")
+    return Mapped(parts, target, pieces, solved, seams, points, mu, plan, order, union, welds, record)
+
+
+def _solve_patches(
+    run: Run, parts: Parts, positions: Positions, target: str, name: str
+) -> tuple[list[SolveReport], Positions, ComplexArray]:
+    """Solve all patches and put them together; a map that is lost meanwhile is solved again."""
+    items = {patch.index: (patch.index, positions[patch.boundary_ids]) for patch in parts.patches}
+    task = partial(solve_task, parts.job, name)
+    lost: LostFileError | None = None
+    for _ in parts.patches:
         with run.clock.stage("solve"):
-            items = [(p.index, positions[p.vertex_ids[p.boundary]]) for p in parts.patches]
-            solved = run.executor.map("solve", partial(solve_task, parts.job), items)
-    with run.clock.stage("assemble"):
-        points, mu = gathered(run, parts, solved, target)
-    return Mapped(parts, target, pieces, solved, seams, points, mu, plan, union, welds, record)
+            solved = mapped_through_store(run, parts, "solve", f"solved{name}", SolveReport, task, items)
+        try:
+            with run.clock.stage("assemble"):
+                return solved, *gathered(run, parts, target, name)
+        except LostFileError as problem:
+            lost = problem
+            parts.store.drop(f"solved{name}", problem.index)
+    assert lost is not None
+    raise lost

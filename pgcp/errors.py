@@ -7,11 +7,13 @@ PgcpError
 |  |- NotSimplyConnectedError        genus, several boundary loops, several components, closed
 |  |- DegenerateError                the geometry carries no conformal structure
 |  `- PartitionInputError            cut edges or a patch count that give no valid patches
-`- NumericalError(ArithmeticError)   exit status 3
-   |- SolveFailedError               a factorization or a solve failed
-   |- WeldFailedError                two patches could not be welded
-   |- CrowdedError                   parts of the surface are too long and thin for the target
-   `- FoldError                      the finished map has folded faces
+|- NumericalError(ArithmeticError)   exit status 3
+|  |- SolveFailedError               a factorization or a solve failed
+|  |- WeldFailedError                two patches could not be welded
+|  |- CrowdedError                   parts of the surface are too long and thin for the target
+|  `- FoldError                      the finished map has folded faces
+`- StoppedError(RuntimeError)        exit status 4
+   `- LostFileError                  a file of the store is missing or spoiled
 """
 
 from __future__ import annotations
@@ -76,3 +78,27 @@ class FoldError(NumericalError):
     def result(self) -> Any:
         """The map with its folds, or None."""
         return self.args[1]
+
+
+class StoppedError(PgcpError, RuntimeError):
+    """Workers, scheduler or store did not let the run finish; what is finished is kept, and the run can be resumed."""
+
+
+class LostFileError(StoppedError):
+    """A file of the store is missing or spoiled; ``kind`` and ``index`` say which."""
+
+    def __init__(self, message: str, kind: str = "", index: int = -1) -> None:
+        super().__init__(message, kind, index)
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+    @property
+    def kind(self) -> str:
+        """What it holds."""
+        return str(self.args[1])
+
+    @property
+    def index(self) -> int:
+        """Of which patch or union."""
+        return int(self.args[2])

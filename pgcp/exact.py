@@ -31,7 +31,7 @@ from pgcp.tasks import (
     solve_inside_task,
     solve_load_task,
 )
-from pgcp.types import ComplexArray, FloatArray, IntArray, Patch, Positions, WeldPlan
+from pgcp.types import ComplexArray, FloatArray, IntArray, Positions, WeldPlan
 
 
 class InterfaceFactor:
@@ -42,26 +42,34 @@ class InterfaceFactor:
     """
 
     def __init__(
-        self, executor: Executor, job: Job, patches: Sequence[Patch], plan: WeldPlan, kept: IntArray, vertex_count: int
+        self, executor: Executor, job: Job, patch_count: int, plan: WeldPlan, kept: IntArray, vertex_count: int
     ) -> None:
         self._executor, self._job, self._store = executor, job, PatchStore(job.directory)
-        self._patches, self._kept, self._vertex_count = patches, kept, vertex_count
-        self._local = [_kept_in(patch, kept) for patch in patches]
-        self._ids = [p.vertex_ids[local] for p, local in zip(patches, self._local, strict=True)]
+        self._patches, self._kept, self._vertex_count = range(patch_count), kept, vertex_count
+        self._local, self._ids, self._inner = [], [], 0
+        for index in self._patches:
+            vertex_ids, boundary = (self._store.read_field("patch", index, name) for name in ("vertex_ids", "boundary"))
+            local = _kept_in(vertex_ids, boundary, kept)
+            self._local.append(local)
+            self._ids.append(vertex_ids[local])
+            self._inner += len(vertex_ids) - len(local)
         self._merges = plan_merges(plan, self._ids, kept)
         self._root = self._merges[-1].result if self._merges else 0
         self.levels: list[dict[str, int]] = []
 
+    def _vertex_ids(self, patch: int) -> IntArray:
+        ids: IntArray = self._store.read_field("patch", patch, "vertex_ids")
+        return ids
+
     def eliminate_patches(self) -> None:
         """Eliminate the patches' interiors, where the flattening has not stored their operators."""
-        items = list(zip((p.index for p in self._patches), self._local, strict=True))
+        items = list(zip(self._patches, self._local, strict=True))
         self._executor.map("eliminate", partial(eliminate_task, self._job), items)
 
     def merge(self) -> None:
         """Eliminate the seams, level by level up the tree."""
-        inner = sum(len(p.vertex_ids) - len(local) for p, local in zip(self._patches, self._local, strict=True))
         stored = sum(8 * len(ids) ** 2 for ids in self._ids)
-        self.levels = [{"level": 0, "operators": len(self._ids), "eliminated": inner, "bytes": stored}]
+        self.levels = [{"level": 0, "operators": len(self._ids), "eliminated": self._inner, "bytes": stored}]
         for level, merges in _by_level(self._merges):
             self._executor.map(f"merge {level}", partial(merge_task, self._job), merges)
             for merge in merges:
@@ -115,21 +123,21 @@ class InterfaceFactor:
 
     def extend_patches(self, positions: ComplexArray) -> list[SolveReport]:
         """Extend values at kept and seam vertices, given in an array (V,), into every patch; the maps go to the store."""
-        items = [(p.index, local, positions[ids]) for p, local, ids in zip(self._patches, self._local, self._ids, strict=True)]
+        items = [(p, local, positions[ids]) for p, local, ids in zip(self._patches, self._local, self._ids, strict=True)]
         return self._executor.map("solve", partial(extend_task, self._job), items)
 
     def extend(self, boundary_values: ComplexArray) -> ComplexArray:
         """Values (V,) of the discrete harmonic function of the whole mesh with the given values at kept vertices (n_K,)."""
         out = self.extend_seams(np.asarray(boundary_values, np.complex128))
-        for patch, report in zip(self._patches, self.extend_patches(out), strict=True):
-            out[patch.vertex_ids] = self._store.read_map(report.patch)[0]
+        for report in self.extend_patches(out):
+            out[self._vertex_ids(report.patch)] = self._store.read_map(report.patch).points
         return out
 
     def _within(self, load: ComplexArray) -> list[Load]:
         """The part of a load (V,) that lies in the interior of each patch, in its local numbers."""
         parts = []
         for patch, local in zip(self._patches, self._local, strict=True):
-            own = np.asarray(load[patch.vertex_ids], np.complex128)
+            own = np.asarray(load[self._vertex_ids(patch)], np.complex128)
             own[local] = 0.0
             parts.append(pack_load(own))
         return parts
@@ -139,7 +147,7 @@ class InterfaceFactor:
         out = np.zeros(self._vertex_count, np.complex128)
         for ids in self._ids:
             out[ids] = load[ids]
-        items = [(p.index, local, r) for p, local, r in zip(self._patches, self._local, self._within(load), strict=True)]
+        items = [(p, local, r) for p, local, r in zip(self._patches, self._local, self._within(load), strict=True)]
         for ids, part in zip(self._ids, self._executor.map("reduce", partial(reduce_task, self._job), items), strict=True):
             out[ids] += part
         for level, merges in _by_level(self._merges):
@@ -164,18 +172,18 @@ class InterfaceFactor:
             for merge, part in zip(merges, inside, strict=True):
                 out[merge.eliminated] = part
         tasks = [
-            (p.index, local, r, out[ids])
+            (p, local, r, out[ids])
             for p, local, r, ids in zip(self._patches, self._local, self._within(load), self._ids, strict=True)
         ]
         self._executor.map("solve", partial(solve_load_task, self._job), tasks)
         for patch in self._patches:
-            out[patch.vertex_ids] = self._store.read_array("values", patch.index)
-            self._store.drop_array("values", patch.index)
+            out[self._vertex_ids(patch)] = self._store.read_array("values", patch)
+            self._store.drop_array("values", patch)
         return out
 
     def release(self) -> None:
         """Remove what is stored, and free the patches' factors where they are held."""
-        self._executor.map("release", partial(release_task, self._job), [p.index for p in self._patches])
+        self._executor.map("release", partial(release_task, self._job), self._patches)
         self._store.drop_array("operator", self._root)
         for merge in self._merges:
             self._store.drop_array("inside", merge.result)
@@ -186,11 +194,11 @@ class InterfaceFactor:
         return {"vertices": len(self._kept), "bytes": self.nbytes, "levels": self.levels}
 
 
-def _kept_in(patch: Patch, kept: IntArray) -> IntArray:
+def _kept_in(vertex_ids: IntArray, boundary: IntArray, kept: IntArray) -> IntArray:
     """Local ids of a patch's boundary, and of the kept vertices in its interior."""
-    among = kept[np.isin(kept, patch.vertex_ids)]
-    local = np.searchsorted(patch.vertex_ids, among)
-    return np.concatenate([patch.boundary, np.setdiff1d(local, patch.boundary)])
+    among = kept[np.isin(kept, vertex_ids)]
+    local = np.searchsorted(vertex_ids, among)
+    return np.concatenate([boundary, np.setdiff1d(local, boundary)])
 
 
 def _by_level(merges: Sequence[Merge]) -> list[tuple[int, list[Merge]]]:

@@ -1,7 +1,7 @@
 """Where tasks run: in this process, or on dask workers. The only import of dask.
 
-An executor maps a function over items and reports progress. Results come back in the order of the items, whatever
-order they finish in, and each task computes with one BLAS thread wherever it runs: results do not depend on the executor.
+An executor maps a function over items, or joins values along a tree, and reports progress. Results do not depend on the
+order in which tasks finish, and each task computes with one BLAS thread wherever it runs: they do not depend on the executor.
 """
 
 from __future__ import annotations
@@ -10,26 +10,64 @@ import logging
 import multiprocessing
 import signal
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from pgcp.errors import InputError, PgcpError, SolveFailedError
+from pgcp.errors import InputError, PgcpError, SolveFailedError, StoppedError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 Progress = Callable[[str, int, int], None]
+_ANSWER_S = "10s"
+_LOOK_S = 2.0
+_MOST_TRIES = 5
+
+
+class Join(NamedTuple):
+    """One node of a tree: function((values[left], values[right])) becomes values[result]."""
+
+    left: int
+    right: int
+    result: int
+    function: Callable[[tuple[Any, Any]], Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Security:
+    """Files for TLS: certificate of the authority, own certificate and key, all PEM."""
+
+    ca: Path
+    certificate: Path
+    key: Path
 
 
 class Executor(Protocol):
     """Maps functions over items."""
 
-    def map(self, stage: str, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-        """Apply function to every item. Items of later stages prefer the worker that had the same position before."""
+    def map(
+        self,
+        stage: str,
+        function: Callable[[Item], Result],
+        items: Sequence[Item],
+        places: Sequence[int] | None = None,
+        done: int = 0,
+    ) -> list[Result]:
+        """Apply function to every item. Items prefer the worker that had the same place (by default, position) before.
+
+        ``done`` more items count as finished in what progress says.
+        """
+        ...
+
+    def join(self, stage: str, joins: Sequence[Join], values: dict[int, Any], done: int = 0) -> dict[int, Any]:
+        """Join values along a tree, each node as soon as what it needs is there; returns the values nothing is made of."""
         ...
 
     def everywhere(self, function: Callable[[], None]) -> None:
@@ -66,18 +104,40 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
     def __init__(self, progress: Progress = silent) -> None:
         self._progress = progress
 
-    def map(self, stage: str, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    def map(
+        self,
+        stage: str,
+        function: Callable[[Item], Result],
+        items: Sequence[Item],
+        places: Sequence[int] | None = None,
+        done: int = 0,
+    ) -> list[Result]:
         """See Executor."""
+        total = done + len(items)
         out = []
-        self._progress(stage, 0, len(items))
+        self._progress(stage, done, total)
         for item in items:
-            try:
-                with threadpool_limits(1):
-                    out.append(function(item))
-            except MemoryError as problem:
-                raise SolveFailedError(f"stage {stage} ran out of memory") from problem
-            self._progress(stage, len(out), len(items))
+            out.append(self._computed(stage, function, item))
+            self._progress(stage, done + len(out), total)
         return out
+
+    def join(self, stage: str, joins: Sequence[Join], values: dict[int, Any], done: int = 0) -> dict[int, Any]:
+        """See Executor."""
+        values, total = dict(values), done + len(joins)
+        self._progress(stage, done, total)
+        for number, node in enumerate(joins, 1):
+            pair = values.pop(node.left), values.pop(node.right)
+            values[node.result] = self._computed(stage, node.function, pair)
+            self._progress(stage, done + number, total)
+        return values
+
+    @staticmethod
+    def _computed(stage: str, function: Callable[[Item], Result], item: Item) -> Result:
+        try:
+            with threadpool_limits(1):
+                return function(item)
+        except MemoryError as problem:
+            raise SolveFailedError(f"stage {stage} ran out of memory") from problem
 
     def everywhere(self, function: Callable[[], None]) -> None:
         """See Executor."""
@@ -109,17 +169,27 @@ def _interrupts_for_this_process_only() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _start_cluster(workers: int) -> Any:
-    """Start worker processes here; raises InputError where the main script does not let them start."""
-    from distributed import LocalCluster
-
+def _check_that_workers_can_start() -> None:
+    """Raise InputError where the main script is no file that worker processes could import."""
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         # this is such a process, importing a script that starts workers without asking whether it is the main one
         raise SystemExit(1)
-    script = getattr(sys.modules["__main__"], "__file__", None)
-    as_module = getattr(sys.modules["__main__"], "__spec__", None) is not None
-    if script is not None and not as_module and not Path(script).exists():
+    script = _script()
+    if script is not None and not script.exists():
         raise InputError(f"worker processes import the main script, but {script} is no file; put it into one or use workers=0")
+
+
+def _script() -> Path | None:
+    """The file that worker processes import as the main module, if they do."""
+    main = sys.modules["__main__"]
+    name = getattr(main, "__file__", None)
+    return None if name is None or getattr(main, "__spec__", None) is not None else Path(name)
+
+
+def _start_cluster(workers: int) -> Any:
+    """Start worker processes, reached from this machine only; raises InputError where the main script does not let them."""
+    from distributed import LocalCluster
+
     try:
         with _interrupts_for_this_process_only():
             return LocalCluster(
@@ -127,13 +197,14 @@ def _start_cluster(workers: int) -> Any:
                 threads_per_worker=1,
                 processes=True,
                 host="127.0.0.1",
-                dashboard_address="127.0.0.1:0",
+                dashboard_address=None,
                 silence_logs=logging.CRITICAL,
             )
     except RuntimeError as problem:
+        script = _script()
         if script is None or "failed to start" not in str(problem):
             raise
-        unguarded = "__main__" not in Path(script).read_text(encoding="utf-8", errors="replace")
+        unguarded = "__main__" not in script.read_text(encoding="utf-8", errors="replace")
         raise InputError(
             f"the worker processes did not start ({str(problem).rstrip('.')}); they import {script}, whose work must stand "
             'under `if __name__ == "__main__":`, or use workers=0'
@@ -147,8 +218,47 @@ def _run_located(function: Callable[[Any], Any], item: Any) -> tuple[str, Any]:
         return get_worker().address, function(item)
 
 
+def _at_scheduler(scheduler: str | None, scheduler_file: Path | None, security: Security | None) -> Any:
+    """A client of a running scheduler; raises InputError where none answers."""
+    from distributed import Client
+    from distributed.security import Security as DaskSecurity
+
+    where = scheduler or scheduler_file
+    if security is None and scheduler is not None and scheduler.startswith("tls://"):
+        raise InputError(f"the scheduler at {scheduler} speaks TLS; give --tls-ca, --tls-cert and --tls-key")
+    options: dict[str, Any] = {}
+    if security is not None:
+        files = (str(security.ca), str(security.certificate), str(security.key))
+        names = ("tls_ca_file", "tls_client_cert", "tls_client_key")
+        options["security"] = DaskSecurity(require_encryption=True, **dict(zip(names, files, strict=True)))
+    try:
+        return Client(
+            address=scheduler, scheduler_file=str(scheduler_file) if scheduler_file else None, timeout=_ANSWER_S, **options
+        )
+    except (OSError, ValueError, RuntimeError, TypeError) as problem:
+        raise InputError(f"no dask scheduler answers at {where}: {problem}") from problem
+
+
+@dataclass(slots=True, eq=False)
+class _Task:
+    """A function to be applied to an item, wanted under a name, on the worker that has held its place before."""
+
+    name: int
+    place: int
+    function: Callable[[Any], Any]
+    item: Any
+    tries: int = 0
+
+
 class DaskExecutor(AbstractContextManager["DaskExecutor"]):
-    """Tasks on dask workers: a local cluster of processes, or a running cluster."""
+    """Tasks on dask workers: a local cluster of processes, or a running cluster.
+
+    A local cluster is started in the background: whatever is called first waits for it. ``warm`` is called in each worker
+    before its first task. A task whose worker is lost is run again, as are all when the scheduler comes back after it was lost;
+    where there is no scheduler or no worker for ``patience_s`` seconds the run is stopped.
+    """
+
+    patience_s = 30.0
 
     def __init__(
         self,
@@ -157,88 +267,215 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         scheduler: str | None = None,
         scheduler_file: Path | None = None,
         progress: Progress = silent,
+        security: Security | None = None,
+        warm: Callable[[], None] | None = None,
     ) -> None:
-        from distributed import Client
-
         self._run = run
         self._progress = progress
         self._places: dict[int, str] = {}
         self._calls = 0
+        self._warm = warm
+        self._warming: list[Any] = []
         self._cluster: Any = None
+        self._held: Any = None
+        self._problem: BaseException | None = None
+        self._starting: threading.Thread | None = None
         if scheduler is None and scheduler_file is None:
-            self._cluster = _start_cluster(workers)
-            self._client: Any = Client(self._cluster)
-            return
-        try:
-            self._client = Client(
-                address=scheduler, scheduler_file=str(scheduler_file) if scheduler_file else None, timeout="10s"
-            )
-        except (OSError, ValueError) as problem:
-            raise InputError(f"no dask scheduler answers at {scheduler or scheduler_file}: {problem}") from problem
+            _check_that_workers_can_start()
+            self._starting = threading.Thread(target=self._start, args=(workers,), daemon=True)
+            self._starting.start()
+        else:
+            self._held = _at_scheduler(scheduler, scheduler_file, security)
+            self._warm_up(self._held)
 
-    def map(self, stage: str, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    def _start(self, workers: int) -> None:
+        from distributed import Client
+
+        try:
+            self._cluster = _start_cluster(workers)
+            self._held = Client(self._cluster)
+            self._warm_up(self._held)
+        except BaseException as problem:
+            self._problem = problem
+
+    def _warm_up(self, client: Any) -> None:
+        """Have workers load what tasks need while nothing waits for it."""
+        if self._warm is not None:
+            for address in client.scheduler_info(n_workers=-1)["workers"]:
+                key = f"pgcp-{self._run}-warm-{address}"
+                self._warming.append(client.submit(self._warm, key=key, workers=[address], pure=False))
+
+    @property
+    def _client(self) -> Any:
+        """The client, once the cluster is there."""
+        if self._starting is not None:
+            self._starting.join()
+            self._starting = None
+        if self._problem is not None:
+            problem, self._problem = self._problem, None
+            raise problem
+        return self._held
+
+    def map(
+        self,
+        stage: str,
+        function: Callable[[Item], Result],
+        items: Sequence[Item],
+        places: Sequence[int] | None = None,
+        done: int = 0,
+    ) -> list[Result]:
         """See Executor."""
-        from distributed import as_completed
+        numbers = range(len(items)) if places is None else places
+        tasks = [_Task(k, place, function, item) for k, (place, item) in enumerate(zip(numbers, items, strict=True))]
+        out: dict[int, Any] = {}
+
+        def keep(task: _Task, result: Any) -> list[_Task]:
+            out[task.name] = result
+            return []
+
+        self._drive(stage, tasks, keep, done, done + len(tasks))
+        return [out[k] for k in range(len(items))]
+
+    def join(self, stage: str, joins: Sequence[Join], values: dict[int, Any], done: int = 0) -> dict[int, Any]:
+        """See Executor."""
+        values, waiting = dict(values), list(joins)
+
+        def ready() -> list[_Task]:
+            found = [node for node in waiting if node.left in values and node.right in values]
+            for node in found:
+                waiting.remove(node)
+            return [
+                _Task(node.result, node.result, node.function, (values.pop(node.left), values.pop(node.right)))
+                for node in found
+            ]
+
+        def keep(task: _Task, result: Any) -> list[_Task]:
+            values[task.name] = result
+            return ready()
+
+        self._drive(stage, ready(), keep, done, done + len(joins))
+        return values
+
+    def _submit(self, stage: str, task: _Task) -> Any:
+        place = self._places.get(task.place)
+        here = place is not None
+        task.tries += 1
+        return self._client.submit(
+            _run_located,
+            task.function,
+            task.item,
+            key=f"pgcp-{self._run}-{self._calls}-{stage}-{task.name}-{task.tries}",
+            workers=[place] if here else None,
+            allow_other_workers=here,
+            pure=False,
+        )
+
+    def _drive(
+        self, stage: str, tasks: list[_Task], then: Callable[[_Task, Any], list[_Task]], finished: int, total: int
+    ) -> None:
+        """Run tasks, and those that follow from their results, until none is left."""
+        from concurrent.futures import CancelledError
+
         from distributed.scheduler import KilledWorker
 
-        self._progress(stage, 0, len(items))
         self._calls += 1
-        futures = []
-        for position, item in enumerate(items):
-            place = self._places.get(position)
-            futures.append(
-                self._client.submit(
-                    _run_located,
-                    function,
-                    item,
-                    key=f"pgcp-{self._run}-{self._calls}-{stage}-{position}",
-                    workers=[place] if place else None,
-                    allow_other_workers=place is not None,
-                    pure=False,
-                )
-            )
-        out: dict[Any, Any] = {}
+        self._progress(stage, finished, total)
+        active = {self._submit(stage, task): task for task in tasks}
         try:
-            for future in as_completed(futures):
-                out[future.key] = future.result()
-                self._progress(stage, len(out), len(items))
+            while active:
+                for future in self._next_done(stage, active):
+                    task = active.pop(future)
+                    try:
+                        self._places[task.place], result = future.result()
+                    except CancelledError as problem:
+                        self._await_cluster(stage, problem)
+                        if task.tries >= _MOST_TRIES:
+                            raise StoppedError(f"stage {stage}: the scheduler was lost {task.tries} times") from problem
+                        active[self._submit(stage, task)] = task
+                        continue
+                    finished += 1
+                    self._progress(stage, finished, total)
+                    active |= {self._submit(stage, new): new for new in then(task, result)}
         except KilledWorker as problem:
-            raise SolveFailedError(f"stage {stage}: workers died, most likely for lack of memory ({problem})") from problem
+            raise StoppedError(
+                f"stage {stage}: workers died again and again, most likely for lack of memory ({problem})"
+            ) from problem
         except MemoryError as problem:
-            self._client.cancel(futures, force=True)
+            self._cancel(active)
             raise SolveFailedError(f"stage {stage} ran out of memory on a worker") from problem
-        except PgcpError:
-            self._client.cancel(futures, force=True)
-            raise
         except RuntimeError as problem:
+            self._cancel(active)
             if "deserialization" in str(problem):
                 message = "the cluster cannot load this run's tasks: install pgcp, in one version, on its scheduler and workers"
                 raise InputError(message) from problem
             raise
-        results = []
-        for position, future in enumerate(futures):
-            self._places[position], result = out[future.key]
-            results.append(result)
-        return results
+        except (PgcpError, OSError):
+            self._cancel(active)
+            raise
+
+    def _cancel(self, futures: dict[Any, _Task]) -> None:
+        with suppress(Exception):
+            self._client.cancel(list(futures), force=True)
+
+    def _next_done(self, stage: str, futures: dict[Any, _Task]) -> list[Any]:
+        """Futures that are done, in the order of their names, once there is one."""
+        from distributed import wait
+
+        while True:
+            try:
+                done = wait(list(futures), timeout=_LOOK_S, return_when="FIRST_COMPLETED").done
+            except TimeoutError:
+                self._await_cluster(stage, None)
+                continue
+            except Exception as problem:  # a lost scheduler cancels what is waited for
+                if type(problem).__name__ not in ("CancelledError", "FutureCancelledError"):
+                    raise
+                done = {future for future in futures if future.status in ("cancelled", "lost")}
+            return sorted(done, key=lambda future: futures[future].name)
+
+    def _await_cluster(self, stage: str, problem: BaseException | None) -> None:
+        """Wait until there are a scheduler and workers; raises StoppedError where there are none for too long."""
+        until = time.monotonic() + self.patience_s
+        while True:
+            with suppress(Exception):
+                if self._client.status == "running" and self._workers():
+                    return
+            if time.monotonic() > until:
+                what = "there is no worker" if self._client.status == "running" else "the scheduler does not answer"
+                raise StoppedError(f"stage {stage}: {what} any more, for {self.patience_s:.0f} s") from problem
+            time.sleep(0.2)
+
+    def _workers(self) -> list[str]:
+        return list(self._client.scheduler_info(n_workers=-1)["workers"])
 
     def everywhere(self, function: Callable[[], None]) -> None:
         """See Executor: workers started here end with it."""
-        if self._cluster is None:
-            self._client.run(function)
+        if self._cluster is None and self._starting is None:
+            with suppress(Exception):  # a worker that is gone holds nothing
+                self._client.run(function, on_error="ignore")
 
     def describe(self) -> dict[str, Any]:
         """See Executor."""
         return {
             "kind": "dask local cluster" if self._cluster is not None else "dask cluster",
-            "workers": len(self._client.scheduler_info(n_workers=-1)["workers"]),
+            "workers": len(self._workers()),
             "threads_per_worker": 1,
         }
 
     def peak_bytes(self) -> int:
         """See Executor."""
-        return max([_peak_bytes(), *self._client.run(_peak_bytes).values()])
+        own = _peak_bytes()
+        if self._starting is not None:
+            return own
+        with suppress(Exception):  # of workers that are gone nothing is known
+            return max([own, *self._client.run(_peak_bytes, on_error="ignore").values()])
+        return own
 
     def __exit__(self, *_: object) -> None:
-        self._client.close()
+        if self._starting is not None:
+            self._starting.join()
+        if self._held is not None:
+            with suppress(Exception):
+                self._held.close()
         if self._cluster is not None:
             self._cluster.close()

@@ -20,6 +20,7 @@ import numpy as np
 from pgcp.types import ComplexArray, FloatArray, IntArray
 
 _MAX_PANELS = 1200
+_FAR = 0.01  # squared: panels seen from ten times their half-length on
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
@@ -32,6 +33,16 @@ def _panel(
     """
     ax, ay = x[first] - px, y[first] - py
     bx, by = x[last] - px, y[last] - py
+    # log(b / a) = 2 artanh(t) = 2 (t + t^3 / 3 + ...), t = (b - a) / (b + a): to rounding where t is small
+    sx, sy, dx, dy = bx + ax, by + ay, bx - ax, by - ay
+    size = sx * sx + sy * sy
+    if dx * dx + dy * dy < _FAR * size and (own < first or own >= last):
+        tx, ty = (dx * sx + dy * sy) / size, (dy * sx - dx * sy) / size
+        qx, qy = tx * tx - ty * ty, 2.0 * tx * ty
+        re, im = 2.0 / 15.0, 0.0
+        for odd in (13.0, 11.0, 9.0, 7.0, 5.0, 3.0, 1.0):
+            re, im = re * qx - im * qy + 2.0 / odd, re * qy + im * qx
+        return re * tx - im * ty, re * ty + im * tx
     near = ax * ax + ay * ay
     log_ratio = 0.5 * np.log((bx * bx + by * by) / near)
     if near > reach * reach and (own < first or own >= last):

@@ -14,6 +14,10 @@ FLATTENERS = ("dncp", "scp")
 METHODS = ("pgcp", "dncp", "scp", "cdcp", "cem", "ccem")
 DISK_METHODS = ("cdcp", "cem", "ccem")
 SEAMS = ("weld", "relax", "exact")
+# where and how a run runs: its results do not depend on these
+RUNNING = frozenset(
+    ("workers", "scheduler", "scheduler_file", "store", "factor_cache_bytes", "resume", "tls_ca", "tls_cert", "tls_key")
+)
 DEFAULT_PATCHES = 6
 _FEWEST_FACES = 100
 
@@ -53,6 +57,17 @@ class Options:
     no_overlap: bool = False
     factor_cache_bytes: int = 2 * 1024**3
     fix: bool = False
+    resume: bool = False
+    tls_ca: Path | None = None
+    tls_cert: Path | None = None
+    tls_key: Path | None = None
+
+    @property
+    def tls_files(self) -> tuple[Path, Path, Path] | None:
+        """Authority, certificate and key where the scheduler is reached by TLS."""
+        if self.tls_ca is None or self.tls_cert is None or self.tls_key is None:
+            return None
+        return self.tls_ca, self.tls_cert, self.tls_key
 
     def __post_init__(self) -> None:
         if self.patches is not None and self.patches < 1:
@@ -80,6 +95,11 @@ class Options:
             raise InputError(f"unknown treatment of seams {self.seams!r}; choose from {', '.join(SEAMS)}")
         if self.scheduler is not None and self.scheduler_file is not None:
             raise InputError("give a scheduler address or a scheduler file, not both")
+        given = [path is not None for path in (self.tls_ca, self.tls_cert, self.tls_key)]
+        if any(given) and not all(given):
+            raise InputError("TLS needs all three of tls_ca, tls_cert and tls_key")
+        if any(given) and self.scheduler is None and self.scheduler_file is None:
+            raise InputError("TLS goes with a running scheduler: workers on this machine listen to this machine only")
         unknown = [name for name in self.repairs if name not in REPAIRS]
         if unknown:
             raise InputError(f"unknown repair {unknown[0]!r}; choose from {', '.join(REPAIRS)}")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import platform
 import uuid
 from collections.abc import Iterator
@@ -20,22 +22,23 @@ from pgcp.beltrami import covering_degree, find_folds, map_coefficients
 from pgcp.check import check_centre, check_mended, check_mesh, fitting_target, unit_mesh
 from pgcp.dirichlet import choose_backend
 from pgcp.distortion import conformal_energy
-from pgcp.errors import FoldError, InputError, PgcpError
-from pgcp.executors import DaskExecutor, Executor, Progress, SerialExecutor, silent
-from pgcp.files import scratch_directory
-from pgcp.io import read_mesh
+from pgcp.errors import FoldError, InputError, NumericalError, PgcpError, StoppedError
+from pgcp.executors import DaskExecutor, Executor, Progress, Security, SerialExecutor, silent
+from pgcp.files import run_directory
+from pgcp.io import read_cuts, read_mesh
 from pgcp.mend import Mended, mend, unmended
 from pgcp.operators import needed_mollification
-from pgcp.options import DISK_METHODS, Options
+from pgcp.options import DISK_METHODS, RUNNING, Options
 from pgcp.quality import measure_quality
 from pgcp.run import Clock, Mapped, Run
-from pgcp.tasks import Job, drop_run
+from pgcp.tasks import Job, drop_run, warm_up
 from pgcp.types import Mesh, Parameterization
 
 _NO_BOUNDARY_TO_HOLD = (
     "seams cannot be relaxed on a sphere: a closed surface has no boundary to hold, and harmonic maps of all of it collapse; "
     "choose --seams weld or --seams exact"
 )
+_STORE_FORMAT = 1
 _PACKAGES = ("pgcp", "numpy", "scipy", "numba", "networkx", "dask", "distributed", "pymetis", "mkl")
 
 
@@ -53,7 +56,40 @@ def as_mesh(source: Any) -> Mesh:
 def _executor(options: Options, run: str, progress: Progress) -> SerialExecutor | DaskExecutor:
     if options.workers == 0 and options.scheduler is None and options.scheduler_file is None:
         return SerialExecutor(progress)
-    return DaskExecutor(run, options.workers, options.scheduler, options.scheduler_file, progress)
+    security = None if (files := options.tls_files) is None else Security(*files)
+    return DaskExecutor(run, options.workers, options.scheduler, options.scheduler_file, progress, security, warm_up)
+
+
+def _run_key(mesh: Mesh, options: Options, backend: str) -> str:
+    """What a run's results depend on, in short: the mesh, the options that matter, the versions. Stores are named by it."""
+    matters = {name: value for name, value in _plain(options).items() if name not in RUNNING}
+    digest = hashlib.blake2b(digest_size=12)
+    digest.update(json.dumps([matters, backend, _versions(), _STORE_FORMAT], sort_keys=True).encode())
+    if options.cuts is not None:
+        digest.update(read_cuts(options.cuts).tobytes())
+    for array in (mesh.vertices, mesh.faces):
+        digest.update(f"{array.shape} {array.dtype}".encode())
+        digest.update(array.view(np.uint8).data)
+    return digest.hexdigest()
+
+
+@contextmanager
+def _resumable(options: Options, key: str) -> Iterator[Path]:
+    """The run's directory, kept where the run can be resumed; the error then says so."""
+    with run_directory(options.store, key, options.resume) as directory:
+        try:
+            yield directory.path
+        except (StoppedError, OSError) as problem:
+            directory.keep = any(directory.path.glob("*/*-*.npz"))
+            if isinstance(problem, StoppedError) and directory.keep:
+                where = f"what is finished is kept in {directory.path}; run again with --resume"
+                raise StoppedError(f"{problem}; {where}") from problem
+            raise
+        except (InputError, NumericalError):
+            raise
+        except BaseException:
+            directory.keep = options.resume
+            raise
 
 
 def _versions() -> dict[str, str]:
@@ -139,27 +175,26 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
     asked, options = options, _resolved(options)
     name = uuid.uuid4().hex[:12]
     backend = choose_backend(options.backend)
-    with clock.stage("read"):
-        mesh = as_mesh(source)
-    with clock.stage("check"):
-        mended = mend(mesh, options.target) if options.fix else unmended(mesh)
-        topology = check_mended(mended, options.target) if options.fix else check_mesh(mesh, options.target)
-        target = fitting_target(mesh.name, topology, options.target)
-        if options.seams == "relax" and target == "sphere":
-            raise InputError(_NO_BOUNDARY_TO_HOLD)
-        check_centre(mesh, options.centre, options.moebius, target)
-        options = _renumbered(options, mended)
-        mesh, unit = unit_mesh(mended.mesh)
-        mollification = needed_mollification(mesh.vertices, mesh.faces)
-    with (
-        scratch_directory(options.store) as directory,
-        _executor(options, name, progress) as executor,
-    ):
+    with _executor(options, name, progress) as executor:
+        with clock.stage("read"):
+            mesh = as_mesh(source)
+        with clock.stage("check"):
+            mended = mend(mesh, options.target) if options.fix else unmended(mesh)
+            topology = check_mended(mended, options.target) if options.fix else check_mesh(mesh, options.target)
+            target = fitting_target(mesh.name, topology, options.target)
+            if options.seams == "relax" and target == "sphere":
+                raise InputError(_NO_BOUNDARY_TO_HOLD)
+            check_centre(mesh, options.centre, options.moebius, target)
+            options = _renumbered(options, mended)
+            mesh, unit = unit_mesh(mended.mesh)
+            mollification = needed_mollification(mesh.vertices, mesh.faces)
+            key = _run_key(mesh, options, backend)
         clock.executor = executor
-        job = Job(name, directory, options.flatten, backend, options.factor_cache_bytes, options.seams == "relax")
-        run = Run(mesh, topology, target, mollification, options, job, executor, clock)
-        with _tidied(executor, name):
-            outcome = map_mesh(run)
+        with _resumable(options, key) as directory:
+            job = Job(name, directory, options.flatten, backend, options.factor_cache_bytes, options.seams == "relax")
+            run = Run(mesh, topology, target, mollification, options, job, executor, clock)
+            with _tidied(executor, name):
+                outcome = map_mesh(run)
         done, mapped = outcome.done, outcome.done.mapped
         target = mapped.target
         with clock.stage("place"):
@@ -215,7 +250,7 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
 def _patch_rows(mapped: Mapped) -> list[dict[str, Any]]:
     """What the report says of every patch; of an embedding as a whole, which solves no patch, only what they are."""
     rows: list[dict[str, Any]] = [
-        {"index": p.index, "vertices": len(p.vertex_ids), "faces": len(p.face_ids), "boundary": len(p.boundary)}
+        {"index": p.index, "vertices": p.vertex_count, "faces": p.face_count, "boundary": len(p.boundary_ids)}
         for p in mapped.parts.patches
     ]
     for row, pieces, solved in zip(rows, mapped.pieces, mapped.solved, strict=False):

@@ -3,21 +3,36 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from pgcp.assemble import collect
+from pgcp.errors import LostFileError
 from pgcp.executors import Executor, SerialExecutor
 from pgcp.options import Options
-from pgcp.split import Split, cut_patches, split_mesh
+from pgcp.split import Split, cut_patch, cut_patches, faces_by_label, split_mesh, vertices_of
 from pgcp.store import PatchStore
 from pgcp.tasks import Job, SolveReport
 from pgcp.topology import Topology
-from pgcp.types import ComplexArray, Component, IntArray, Mesh, Patch, PatchMap, Positions, SeamPositions, WeldPlan
+from pgcp.types import (
+    ComplexArray,
+    Component,
+    IntArray,
+    Mesh,
+    PatchMap,
+    PatchOutline,
+    Positions,
+    SeamPositions,
+    WeldPlan,
+)
+
+Item = TypeVar("Item")
+Record = TypeVar("Record")
+_MOST_LOSSES = 5
 
 
 class Clock:
@@ -73,18 +88,23 @@ class Parts:
     """The patches of one split, in the job's store."""
 
     split: Split
-    patches: list[Patch]
+    patches: list[PatchOutline]
     job: Job
     seed: int
+
+    @property
+    def store(self) -> PatchStore:
+        """Where they lie."""
+        return PatchStore(self.job.directory)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mapped:
     """One pass through all patches: positions, and mu (F,) of the patches as they were solved.
 
-    pieces: how many pieces each patch was flattened in; plan and union: the welds and what they made, None without welds;
-    interface: the record of seams that were solved exactly; iterations: that of a descent, and whether
-    it converged.
+    pieces: how many pieces each patch was flattened in; plan, order and union: the welds, what a long seam costs in them,
+    and what they made, None without welds; interface: the record of seams that were solved exactly; iterations: that of a
+    descent, and whether it converged.
     """
 
     parts: Parts
@@ -95,6 +115,7 @@ class Mapped:
     points: Positions
     mu: ComplexArray
     plan: WeldPlan | None = None
+    order: float = 0.0
     union: Component | None = None
     welds: tuple[dict[str, int], ...] = ()
     interface: dict[str, Any] | None = None
@@ -110,25 +131,73 @@ class Mapped:
 
 
 def store_parts(run: Run, count: int, seed: int, cuts: IntArray | None, name: str) -> Parts:
-    """Split the mesh and store its patches, in a directory of their own of that name."""
+    """Split the mesh and store its patches, in a directory of their own of that name, which may be there from before."""
     job = replace(run.job, run=f"{run.job.run}-{name}", directory=run.job.directory / name)
-    job.directory.mkdir()
+    job.directory.mkdir(exist_ok=True)
     with run.clock.stage("split"):
         split = split_mesh(run.mesh, run.topology, count, seed, cuts, run.options.repair_cuts, run.mollification)
     store = PatchStore(job.directory)
-    patches = []
+    outlines = []
     with run.clock.stage("store"):
         for patch in cut_patches(run.mesh, run.topology, split):
-            store.write_patch(patch)
-            patches.append(patch)
-    return Parts(split, patches, job, seed)
+            if not store.has("patch", patch.index):
+                store.write_patch(patch)
+            ids = patch.vertex_ids[patch.boundary]
+            outlines.append(PatchOutline(patch.index, len(patch.vertices), len(patch.faces), ids))
+    return Parts(split, outlines, job, seed)
 
 
-def gathered(run: Run, parts: Parts, solved: list[SolveReport], target: str) -> tuple[Positions, ComplexArray]:
-    """Positions of all vertices and mu (F,) from the stored maps of the patches."""
-    store = PatchStore(parts.job.directory)
-    maps = (PatchMap(s.patch, *store.read_map(s.patch), s.fold_count, s.mu_max) for s in solved)
-    return collect(run.mesh, zip(parts.patches, maps, strict=True), target)
+def discard(parts: Parts) -> None:
+    """Remove the files of a split that is done with, but for curves and unions: they are small, and dear."""
+    for path in parts.job.directory.iterdir():
+        if not path.name.startswith(("curve", "union", "solved")):
+            path.unlink(missing_ok=True)
+
+
+def restored(run: Run, parts: Parts, problem: LostFileError) -> None:
+    """Store a patch again whose file is lost; raises the problem where it is of another kind."""
+    if problem.kind != "patch":
+        raise problem
+    parts.store.write_patch(cut_patch(run.mesh, run.topology, parts.split, problem.index))
+
+
+def mapped_through_store(
+    run: Run, parts: Parts, stage: str, kind: str, record: type[Record], task: Callable[[Item], Record], items: dict[int, Item]
+) -> list[Record]:
+    """Apply a task to an item for every patch, but where its record of that kind is in the store already.
+
+    A patch that is missing there is stored again.
+    """
+    found: dict[int, Record] = {}
+    for losses in range(_MOST_LOSSES):
+        for index in items:
+            if index not in found and parts.store.has(kind, index):
+                with suppress(LostFileError):
+                    found[index] = parts.store.read(kind, index, record)
+        left = [index for index in items if index not in found]
+        try:
+            results = run.executor.map(stage, task, [items[index] for index in left], left, len(found))
+        except LostFileError as problem:
+            if losses == _MOST_LOSSES - 1:
+                raise
+            restored(run, parts, problem)
+            continue
+        found |= dict(zip(left, results, strict=True))
+        break
+    return [found[index] for index in items]
+
+
+def gathered(run: Run, parts: Parts, target: str, name: str = "") -> tuple[Positions, ComplexArray]:
+    """Positions of all vertices and mu (F,) from the stored maps of the patches, those of that name."""
+    order, starts = faces_by_label(parts.split.labels, parts.split.patch_count)
+    marks = np.zeros(len(run.mesh.vertices), np.bool_)
+
+    def maps() -> Iterator[tuple[IntArray, IntArray, PatchMap]]:
+        for outline in parts.patches:
+            face_ids = order[starts[outline.index] : starts[outline.index + 1]]
+            yield vertices_of(run.mesh.faces, face_ids, marks), face_ids, parts.store.read_map(outline.index, name)
+
+    return collect(run.mesh, maps(), target)
 
 
 def spread_out(seams: SeamPositions, vertex_count: int) -> Positions:

@@ -23,7 +23,7 @@ from partition import (
 )
 from pgcp.errors import PartitionInputError
 from pgcp.topology import Topology, loops_of
-from pgcp.types import EdgeTable, IntArray, Mesh, Patch, WeldPlan, WeldStep
+from pgcp.types import BoolArray, EdgeTable, IntArray, Mesh, Patch, WeldPlan, WeldStep
 
 _BOUNDARY_POINTS = 8000
 _MOST_PARTS = 8
@@ -168,7 +168,7 @@ def split_mesh(
 
 
 @numba.njit(cache=True)
-def _faces_by_label(labels: IntArray, count: int) -> tuple[IntArray, IntArray]:
+def faces_by_label(labels: IntArray, count: int) -> tuple[IntArray, IntArray]:
     """Faces sorted by label, and where each label begins."""
     starts = np.zeros(count + 1, np.int64)
     for f in range(labels.shape[0]):
@@ -184,26 +184,33 @@ def _faces_by_label(labels: IntArray, count: int) -> tuple[IntArray, IntArray]:
 
 
 @numba.njit(cache=True)
-def _localise(faces: IntArray, face_ids: IntArray, local: IntArray) -> tuple[IntArray, IntArray]:
-    """Local faces (N, 3) and the sorted ids of the vertices used. local (V,) is -1 everywhere, before and after."""
+def vertices_of(faces: IntArray, face_ids: IntArray, marks: BoolArray) -> IntArray:
+    """Sorted ids of the vertices that some faces use. marks (V,) are false everywhere, before and after."""
     used = np.empty(3 * face_ids.shape[0], np.int64)
     count = 0
     for f in face_ids:
         for i in range(3):
-            if local[faces[f, i]] < 0:
-                local[faces[f, i]] = 0
-                used[count] = faces[f, i]
+            v = faces[f, i]
+            if not marks[v]:
+                marks[v] = True
+                used[count] = v
                 count += 1
     ids = np.sort(used[:count])
-    for k in range(count):
+    for v in ids:
+        marks[v] = False
+    return ids
+
+
+@numba.njit(cache=True)
+def _localise(faces: IntArray, face_ids: IntArray, ids: IntArray, local: IntArray) -> IntArray:
+    """Faces (N, 3) in the numbers of sorted vertices; local (V,) is written to."""
+    for k in range(ids.shape[0]):
         local[ids[k]] = k
     out = np.empty((face_ids.shape[0], 3), np.int32)
     for k in range(face_ids.shape[0]):
         for i in range(3):
             out[k, i] = local[faces[face_ids[k], i]]
-    for v in ids:
-        local[v] = -1
-    return out, ids
+    return out
 
 
 @numba.njit(cache=True)
@@ -220,11 +227,12 @@ def _rim(twins: IntArray, labels: IntArray, face_ids: IntArray) -> IntArray:
 
 def cut_patches(mesh: Mesh, topology: Topology, split: Split, wanted: Sequence[int] | None = None) -> Iterator[Patch]:
     """Cut patches out of the mesh one after the other, all or those wanted."""
-    order, starts = _faces_by_label(split.labels, split.patch_count)
-    local = np.full(len(mesh.vertices), -1, np.int32)
+    order, starts = faces_by_label(split.labels, split.patch_count)
+    local, marks = np.empty(len(mesh.vertices), np.int32), np.zeros(len(mesh.vertices), np.bool_)
     for index in range(split.patch_count) if wanted is None else wanted:
         face_ids = order[starts[index] : starts[index + 1]]
-        faces, vertex_ids = _localise(mesh.faces, face_ids, local)
+        vertex_ids = vertices_of(mesh.faces, face_ids, marks)
+        faces = _localise(mesh.faces, face_ids, vertex_ids, local)
         rim = _rim(topology.twins, split.labels, face_ids)
         flat = faces.reshape(-1)
         (boundary,) = loops_of(flat[rim], flat[rim - rim % 3 + (rim % 3 + 1) % 3])

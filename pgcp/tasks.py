@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from pgcp.curves import crosses_itself
+from pgcp.demo import demo_mesh
 from pgcp.dirichlet import DirichletFactor, eliminate_mesh
 from pgcp.errors import WeldFailedError
 from pgcp.flatten import flatten_boundary
 from pgcp.interface import Merge, extend_inside, merge_operators, solve_inside
 from pgcp.puncture import Charts, alternated, opened_positions
 from pgcp.solve import extend_patch, solve_patch
-from pgcp.split import cut_patch, plan_welds, split_mesh
+from pgcp.split import cut_patch, cut_patches, plan_welds, split_mesh
 from pgcp.store import PatchStore
 from pgcp.topology import examine
 from pgcp.types import BoundaryCurve, ComplexArray, Component, FloatArray, IntArray, Mesh, Patch, Positions
@@ -63,6 +64,20 @@ class FactorCache:
 
 
 _FACTORS = FactorCache()
+
+
+def warm_up() -> None:
+    """Load what tasks will need, by flattening, welding and solving next to nothing."""
+    mesh = demo_mesh(4)
+    topology = examine(mesh.faces, len(mesh.vertices))
+    split = split_mesh(mesh, topology, 2)
+    halves = {}
+    for patch in cut_patches(mesh, topology, split):
+        factor = factor_patch(patch, "nested")
+        curve = flatten_simply(patch, factor, "dncp", "nested")
+        halves[patch.index] = start_component(curve, mesh.vertices, split.edges)
+        solve_patch(patch, curve.z[np.cumsum(patch.parts) - patch.parts], factor, "nested")
+    run_welds(halves, plan_welds(split.table, 2).steps)
 
 
 def drop_run(run: str) -> None:
@@ -132,12 +147,14 @@ def flatten_simply(patch: Patch, factor: DirichletFactor, method: str, backend: 
 
 
 def flatten_task(job: Job, index: int) -> BoundaryCurve:
-    """First pass: flatten a stored patch, keep its factor here, send its boundary curve."""
-    patch = PatchStore(job.directory).read_patch(index)
+    """First pass: flatten a stored patch, keep its factor here, store and send its boundary curve."""
+    store = PatchStore(job.directory)
+    patch = store.read_patch(index)
     factor = factor_patch(patch, job.backend)
     curve = flatten_simply(patch, factor, job.method, job.backend)
     if job.stores_operators:
-        PatchStore(job.directory).write_array("operator", index, factor.schur)
+        store.write_array("operator", index, factor.schur)
+    store.write("curve", index, curve)
     _FACTORS.put((job.run, index), factor, job.factor_cache_bytes)
     return curve
 
@@ -147,18 +164,15 @@ def relax_task(component: Component) -> Component:
     return relax_boundary(component)
 
 
-def weld_task(pair: tuple[Component, Component]) -> Component:
-    """Weld two components."""
-    return weld_pair(*pair)
+def weld_task(job: Job, kind: str, index: int, closed: bool, pair: tuple[Component, Component]) -> Component:
+    """Weld two components, the last two of a closed surface along their whole boundaries; store and send the union."""
+    union = (weld_closed if closed else weld_pair)(*pair)
+    PatchStore(job.directory).write(kind, index, union)
+    return union
 
 
-def weld_closed_task(pair: tuple[Component, Component]) -> Component:
-    """Weld the last two components of a closed surface."""
-    return weld_closed(*pair)
-
-
-def solve_task(job: Job, item: tuple[int, Positions]) -> SolveReport:
-    """Second pass: solve a stored patch with its welded boundary, from the factor kept here or made anew.
+def solve_task(job: Job, name: str, item: tuple[int, Positions]) -> SolveReport:
+    """Second pass: solve a stored patch with its welded boundary, from the factor kept here or made anew; store map and report.
 
     The boundary is complex (n_B,) in the plane, or unit vectors (n_B, 3).
     """
@@ -171,8 +185,10 @@ def solve_task(job: Job, item: tuple[int, Positions]) -> SolveReport:
         factor = factor_patch(patch, job.backend)
     solved = solve_patch(patch, boundary, factor, job.backend)
     factor.release()
-    store.write_map(solved)
-    return SolveReport(index, solved.fold_count, solved.first_fold_count, solved.raised_weights, solved.mu_max, reused)
+    store.write_map(solved, name)
+    report = SolveReport(index, solved.fold_count, solved.first_fold_count, solved.raised_weights, solved.mu_max, reused)
+    store.write(f"solved{name}", index, report)
+    return report
 
 
 def eliminate_task(job: Job, item: tuple[int, IntArray]) -> None:

@@ -86,7 +86,7 @@ class Topology:
 
 @numba.njit(cache=True)
 def _by_lower_end(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray, IntArray]:
-    """Half-edges sorted by their lower vertex, and within it as they come: where each vertex begins, half-edge, higher vertex."""
+    """Half-edges sorted by their lower vertex: where each vertex begins, half-edge, higher vertex."""
     starts = np.zeros(vertex_count + 1, np.int64)
     for f in range(faces.shape[0]):
         for i in range(3):
@@ -107,7 +107,7 @@ def _by_lower_end(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArra
 
 @numba.njit(cache=True)
 def _pair(faces: IntArray, vertex_count: int, twins: IntArray) -> tuple[int, IntArray, IntArray]:
-    """Fill in twins; returns the number of edges, and half-edges, one an edge, of more than two faces and of two that disagree."""
+    """Fill in twins; returns the number of edges, and one half-edge of each with more than two faces or two that disagree."""
     starts, half_edge, higher = _by_lower_end(faces, vertex_count)
     crowded = [np.int64(0) for _ in range(0)]
     turned = [np.int64(0) for _ in range(0)]
@@ -148,10 +148,11 @@ def _pair(faces: IntArray, vertex_count: int, twins: IntArray) -> tuple[int, Int
 def _paired(faces: IntArray, vertex_count: int) -> tuple[IntArray, int, IntArray, IntArray]:
     """Twins (3F,), in 32 bits where they fit, and what ``_pair`` says."""
     half_edge_count = 3 * len(faces)
-    twins = np.full(half_edge_count, BOUNDARY, np.int32 if half_edge_count < 2**31 else np.int64)
+    twins: IntArray = np.full(half_edge_count, BOUNDARY, np.int32 if half_edge_count < 2**31 else np.int64)
     if half_edge_count == 0:
         return twins, 0, np.empty(0, np.int64), np.empty(0, np.int64)
-    return twins, *_pair(np.ascontiguousarray(faces), vertex_count, twins)
+    edge_count, crowded, turned = _pair(np.ascontiguousarray(faces), vertex_count, twins)
+    return twins, edge_count, crowded, turned
 
 
 def pair_half_edges(faces: IntArray, vertex_count: int) -> IntArray:
@@ -201,7 +202,7 @@ def boundary_loops(faces: IntArray, twins: IntArray, vertex_count: int) -> tuple
 def loops_of(tails: IntArray, heads: IntArray) -> list[IntArray]:
     """Closed loops of directed edges, of which at most one leaves any vertex: each from its lowest vertex, by that vertex."""
     follower = dict(zip(tails.tolist(), heads.tolist(), strict=True))
-    loops = []
+    loops: list[IntArray] = []
     for tail in sorted(follower):
         if tail not in follower:
             continue

@@ -85,6 +85,16 @@ class Patch:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class PatchOutline:
+    """What is remembered of a patch that lies in the store: counts, and its boundary_ids (Bp,) in the mesh."""
+
+    index: int
+    vertex_count: int
+    face_count: int
+    boundary_ids: IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class EdgeTable:
     """All seam and boundary edges of a split: sorted keys ``low * vertex_count + high`` (E,), and parts (E,).
 

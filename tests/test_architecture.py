@@ -14,6 +14,8 @@ LAYERS = [
     {
         "topology",
         "operators",
+        "dissection",
+        "dirichlet_nested",
         "dirichlet_superlu",
         "dirichlet_pardiso",
         "dirichlet",

@@ -16,7 +16,7 @@ import pytest
 from meshes import grid, lifted
 
 import pgcp
-from pgcp.files import replacing_together, scratch_directory
+from pgcp.files import replacing_together, run_directory
 
 LOOP = """
 import sys, time
@@ -246,11 +246,11 @@ def test_temporary_files_of_living_runs_are_left_alone(tmp_path):
         assert (tmp_path / "a").read_bytes() == b"two"
         one.switch()
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {"a": b"one"}
-    with scratch_directory(tmp_path) as one:
-        with scratch_directory(tmp_path) as two:
-            assert one.is_dir()
-            assert one != two
-        assert [p.name for p in tmp_path.iterdir() if p.is_dir()] == [one.name]
+    with run_directory(tmp_path, "key") as one:
+        with run_directory(tmp_path, "key") as two:
+            assert one.path.is_dir()
+            assert one.path != two.path
+        assert [p.name for p in tmp_path.iterdir() if p.is_dir()] == [one.path.name]
     assert [p.name for p in tmp_path.iterdir()] == ["a"]
 
 

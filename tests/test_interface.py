@@ -52,7 +52,7 @@ def patchwise(mesh, count, folder, kept, cache=2**30):
         PatchStore(folder).write_patch(patch)
     job = Job(f"{mesh.name}-{count}-{folder}", folder, "dncp", choose_backend(), cache)
     plan = plan_welds(split.table, count, closed=not examine(mesh.faces, len(mesh.vertices)).loops)
-    factor = InterfaceFactor(SerialExecutor(), job, patches, plan, kept, len(mesh.vertices))
+    factor = InterfaceFactor(SerialExecutor(), job, count, plan, kept, len(mesh.vertices))
     factor.eliminate_patches()
     factor.merge()
     return factor, patches, split
