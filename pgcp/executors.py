@@ -197,7 +197,7 @@ def _start_cluster(workers: int) -> Any:
                 threads_per_worker=1,
                 processes=True,
                 host="127.0.0.1",
-                dashboard_address=None,
+                dashboard_address="127.0.0.1:0",
                 silence_logs=logging.CRITICAL,
             )
     except RuntimeError as problem:
@@ -330,6 +330,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         out: dict[int, Any] = {}
 
         def keep(task: _Task, result: Any) -> list[_Task]:
+            """Keep one result."""
             out[task.name] = result
             return []
 
@@ -341,6 +342,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         values, waiting = dict(values), list(joins)
 
         def ready() -> list[_Task]:
+            """What can be joined, with its values taken."""
             found = [node for node in waiting if node.left in values and node.right in values]
             for node in found:
                 waiting.remove(node)
@@ -350,17 +352,18 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
             ]
 
         def keep(task: _Task, result: Any) -> list[_Task]:
+            """Keep a union; what can be joined now."""
             values[task.name] = result
             return ready()
 
         self._drive(stage, ready(), keep, done, done + len(joins))
         return values
 
-    def _submit(self, stage: str, task: _Task) -> Any:
+    def _submit(self, client: Any, stage: str, task: _Task) -> Any:
         place = self._places.get(task.place)
         here = place is not None
         task.tries += 1
-        return self._client.submit(
+        return client.submit(
             _run_located,
             task.function,
             task.item,
@@ -376,11 +379,12 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         """Run tasks, and those that follow from their results, until none is left."""
         from concurrent.futures import CancelledError
 
+        client = self._client  # the thread that starts a cluster has imported all of dask then
         from distributed.scheduler import KilledWorker
 
         self._calls += 1
         self._progress(stage, finished, total)
-        active = {self._submit(stage, task): task for task in tasks}
+        active = {self._submit(client, stage, task): task for task in tasks}
         try:
             while active:
                 for future in self._next_done(stage, active):
@@ -391,11 +395,11 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
                         self._await_cluster(stage, problem)
                         if task.tries >= _MOST_TRIES:
                             raise StoppedError(f"stage {stage}: the scheduler was lost {task.tries} times") from problem
-                        active[self._submit(stage, task)] = task
+                        active[self._submit(client, stage, task)] = task
                         continue
                     finished += 1
                     self._progress(stage, finished, total)
-                    active |= {self._submit(stage, new): new for new in then(task, result)}
+                    active |= {self._submit(client, stage, new): new for new in then(task, result)}
         except KilledWorker as problem:
             raise StoppedError(
                 f"stage {stage}: workers died again and again, most likely for lack of memory ({problem})"

@@ -193,6 +193,7 @@ def gathered(run: Run, parts: Parts, target: str, name: str = "") -> tuple[Posit
     marks = np.zeros(len(run.mesh.vertices), np.bool_)
 
     def maps() -> Iterator[tuple[IntArray, IntArray, PatchMap]]:
+        """Patch by patch."""
         for outline in parts.patches:
             face_ids = order[starts[outline.index] : starts[outline.index + 1]]
             yield vertices_of(run.mesh.faces, face_ids, marks), face_ids, parts.store.read_map(outline.index, name)

@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ import pgcp
 from pgcp import errors
 from pgcp.executors import DaskExecutor, SerialExecutor
 from pgcp.split import plans, split_mesh
-from pgcp.tasks import FactorCache, weld_task
+from pgcp.tasks import FactorCache, Job, weld_task
 from pgcp.topology import examine
 from pgcp.types import Mesh
 from pgcp.weld import Component
@@ -192,8 +193,8 @@ def test_little_passes_through_the_scheduler(cluster, reference):
     sizes = []
 
     class Watched(DaskExecutor):
-        def map(self, stage, function, items):
-            results = super().map(stage, function, items)
+        def map(self, stage, function, items, places=None, done=0):
+            results = super().map(stage, function, items, places, done)
             sizes.append((stage, len(pickle.dumps((function, list(items)))), len(pickle.dumps(results))))
             return results
 
@@ -209,13 +210,13 @@ def test_little_passes_through_the_scheduler(cluster, reference):
     assert max(max(row[1:]) for row in sizes) < 10_000_000
 
 
-def test_errors_cross_processes(cluster):
+def test_errors_cross_processes(cluster, tmp_path):
     address, _ = cluster
     triangle = np.arange(3)
     edges = np.column_stack([triangle, np.roll(triangle, -1)])
     one, other = (Component(triangle + k, np.array([0, 1, 1j]), triangle, edges, np.ones(3), 99) for k in (0, 10))
     with DaskExecutor("test", scheduler=address) as executor, pytest.raises(errors.WeldFailedError, match="share 0 points"):
-        executor.map("weld", weld_task, [(one, other)])
+        executor.map("weld", partial(weld_task, Job("test", tmp_path, "dncp", "nested", 0), "union", 2, False), [(one, other)])
 
 
 def test_workers_without_this_package_are_said(cluster):
