@@ -6,6 +6,7 @@ import argparse
 import errno
 import json
 import os
+import re
 import signal
 import sys
 import threading
@@ -15,11 +16,12 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
-from pgcp.errors import InputError, NumericalError
+from pgcp.errors import InputError, NumericalError, PgcpError, StoppedError
 from pgcp.options import FLATTENERS, METHODS, MOEBIUS, REPAIRS, SEAMS, TARGETS, Options
 from pgcp.types import Mesh, Parameterization
 
-GOOD, BUG, BAD_INPUT, NUMERICAL = 0, 1, 2, 3
+GOOD, BUG, BAD_INPUT, NUMERICAL, STOPPED = 0, 1, 2, 3, 4
+_STATUS = {InputError: BAD_INPUT, NumericalError: NUMERICAL, StoppedError: STOPPED}
 _STOPPED = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}  # exit status 128 + the signal's number
 _SYSTEM = {
     getattr(errno, name) for name in ("ENOSPC", "EFBIG", "EDQUOT", "EROFS", "EACCES", "EPERM", "EIO") if hasattr(errno, name)
@@ -31,14 +33,21 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="pgcp-run",
         description="Map a triangle mesh conformally to the plane, the disk or the sphere, patch by patch and in parallel.",
-        epilog="Exit status: 0 good, 2 bad input or usage, 3 numerical failure or folds, 1 a bug, 130 interrupted.",
+        epilog="Exit status: 0 good, 2 bad input or usage, 3 numerical failure or folds, 4 stopped by lost workers, scheduler or "
+        "store, 1 a bug, 130 interrupted.",
     )
     parser.add_argument("mesh", nargs="?", type=Path, help="PLY, OBJ, STL, OFF, GLB or glTF file; without it, a built-in demo")
-    parser.add_argument("--patches", type=int, metavar="K", help="number of patches (default 6, fewer on a small mesh)")
+    parser.add_argument(
+        "--patches", type=_patches, metavar="K", help="number of patches; auto (default): by vertices, workers and memory"
+    )
     parser.add_argument("--workers", type=int, default=0, metavar="N", help="worker processes here; 0 is serial (default)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="use the running dask scheduler at this address")
     parser.add_argument("--scheduler-file", type=Path, metavar="FILE", help="use the dask scheduler this file describes")
     parser.add_argument("--store", type=Path, metavar="DIR", help="directory for patch files that all workers can open")
+    parser.add_argument("--resume", action="store_true", help="take up what an earlier run has finished; keep it when stopped")
+    parser.add_argument("--tls-ca", type=Path, metavar="PEM", help="certificate of the authority, for a scheduler with TLS")
+    parser.add_argument("--tls-cert", type=Path, metavar="PEM", help="own certificate, for a scheduler with TLS")
+    parser.add_argument("--tls-key", type=Path, metavar="PEM", help="own key, for a scheduler with TLS")
     parser.add_argument(
         "--target", choices=TARGETS, default="auto", help="plane with free boundary, disk or sphere; auto: by the surface"
     )
@@ -73,15 +82,34 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--backend", default="auto", help="sparse factorization: auto, pardiso or superlu")
     parser.add_argument("--seed", type=int, default=0, help="seed of the partition (default 0)")
     parser.add_argument(
-        "--factor-cache-mb", type=int, default=2048, metavar="MB", help="factors a worker may keep between passes"
+        "--memory-limit", type=_bytes, metavar="SIZE", help="memory of all processes of this run together, such as 8GB"
+    )
+    parser.add_argument(
+        "--factor-cache-mb", type=int, metavar="MB", help="factors a worker may keep between passes (default 2048)"
     )
     parser.add_argument("--output-dir", type=Path, metavar="DIR", help="where results go (default <stem>_pgcp beside the mesh)")
+    parser.add_argument("--no-obj", action="store_true", help="write no OBJ file")
+    parser.add_argument("--no-ply", action="store_true", help="write no PLY file")
+    parser.add_argument("--no-png", action="store_true", help="draw no picture")
     parser.add_argument("--check-only", action="store_true", help="say what the mesh is and list its defects, then stop")
     parser.add_argument("--json", action="store_true", help="print one JSON object: the result, or the error")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
     parser.add_argument("--debug", action="store_true", help="show tracebacks")
     parser.add_argument("--version", action="version", version=f"%(prog)s {_version()}")
     return parser
+
+
+def _patches(text: str) -> int | None:
+    """A number of patches, None for auto."""
+    return None if text == "auto" else int(text)
+
+
+def _bytes(text: str) -> int:
+    """A size in bytes, such as 500MB, 8GB or 7.5GiB."""
+    words = re.fullmatch(r"([0-9.]+)\s*([kmgt]?)(i?)b?", text.strip().lower())
+    if words is None:
+        raise ValueError(text)
+    return int(float(words[1]) * (1024 if words[3] else 1000) ** " kmgt".index(words[2] or " "))
 
 
 def _version() -> str:
@@ -285,14 +313,20 @@ def _options(arguments: argparse.Namespace) -> Options:
         store=arguments.store,
         repairs=_repairs(arguments.repairs),
         no_overlap=arguments.no_overlap,
-        factor_cache_bytes=arguments.factor_cache_mb * 1024**2,
+        factor_cache_bytes=None if arguments.factor_cache_mb is None else arguments.factor_cache_mb * 1024**2,
+        memory_limit_bytes=arguments.memory_limit,
         fix=arguments.fix,
+        resume=arguments.resume,
+        tls_ca=arguments.tls_ca,
+        tls_cert=arguments.tls_cert,
+        tls_key=arguments.tls_key,
     )
 
 
 def _run(arguments: argparse.Namespace, signals: _Signals) -> int:
     options = _options(arguments)
-    for path, what in ((arguments.store, "store"), (arguments.scheduler_file, "scheduler file")):
+    named = ((arguments.store, "store"), (arguments.scheduler_file, "scheduler file"), (arguments.tls_ca, "certificate"))
+    for path, what in (*named, (arguments.tls_cert, "certificate"), (arguments.tls_key, "key")):
         if path is not None and not path.exists():
             raise InputError(f"{path}: there is no such {what}")
     if arguments.store is not None and not arguments.store.is_dir():
@@ -318,7 +352,9 @@ def _run(arguments: argparse.Namespace, signals: _Signals) -> int:
     with _Bars(sys.stderr.isatty() and not arguments.quiet) as bars:
         result = compute(demo_mesh() if arguments.mesh is None else arguments.mesh, options, bars)
     try:
-        paths = write_outputs(directory, stem, result, draw(result), signals.held())
+        picture = None if arguments.no_png else draw(result)
+        kinds = [kind for kind, left_out in (("obj", arguments.no_obj), ("ply", arguments.no_ply)) if not left_out]
+        paths = write_outputs(directory, stem, result, picture, signals.held(), kinds)
     except OSError as problem:
         raise InputError(f"{directory}: cannot write the results: {problem}") from problem
     if arguments.json:
@@ -341,9 +377,11 @@ def _refused(problem: Exception, status: int, as_json: bool) -> int:
     return status
 
 
-def _stopped(signals: _Signals, as_json: bool) -> int:
+def _stopped(signals: _Signals, as_json: bool, resume: bool) -> int:
     status: int = 128 + getattr(signal, signals.name)
     message = f"{_STOPPED[signals.name]}; nothing was written"
+    if resume:
+        message += "; what is finished is kept for --resume"
     if as_json:
         _say(json.dumps({"status": status, "error": "KeyboardInterrupt", "message": message}))
     print(f"pgcp-run: {message}", file=sys.stderr)
@@ -356,15 +394,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     with _Signals() as signals:
         try:
             return _run(arguments, signals)
-        except (InputError, NumericalError) as problem:
+        except PgcpError as problem:
             if arguments.debug:
                 raise
-            return _refused(problem, BAD_INPUT if isinstance(problem, InputError) else NUMERICAL, arguments.json)
+            status = next(status for kind, status in _STATUS.items() if isinstance(problem, kind))
+            return _refused(problem, status, arguments.json)
         except KeyboardInterrupt:
-            return _stopped(signals, arguments.json)
+            return _stopped(signals, arguments.json, arguments.resume)
         except Exception as problem:
             if signals.received:  # compiled code makes another exception of the interrupt
-                return _stopped(signals, arguments.json)
+                return _stopped(signals, arguments.json, arguments.resume)
             if arguments.debug:
                 raise
             if isinstance(problem, OSError) and problem.errno in _SYSTEM:

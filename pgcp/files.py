@@ -9,7 +9,7 @@ import shutil
 import tempfile
 import time
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import IO
@@ -91,6 +91,11 @@ class FileSet:
     def __init__(self, directory: Path, stack: contextlib.ExitStack) -> None:
         self._directory, self._stack = directory, stack
         self._parts: list[_Part] = []
+        self._unwanted: list[Path] = []
+
+    def without(self, names: Iterable[str]) -> None:
+        """Files of earlier sets that this one has not: they go when it is switched to."""
+        self._unwanted += [self._directory / name for name in names]
 
     def open(self, name: str) -> IO[bytes]:
         """Open the next file of the set."""
@@ -109,6 +114,9 @@ class FileSet:
 
     def switch(self) -> list[Path]:
         """Rename all files in the order they were opened; returns their paths."""
+        for path in self._unwanted:
+            if path.is_file():
+                path.unlink()
         for part in self._parts:
             part.rename()
         return [part.path for part in self._parts]

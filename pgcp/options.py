@@ -16,10 +16,11 @@ DISK_METHODS = ("cdcp", "cem", "ccem")
 SEAMS = ("weld", "relax", "exact")
 # where and how a run runs: its results do not depend on these
 RUNNING = frozenset(
-    ("workers", "scheduler", "scheduler_file", "store", "factor_cache_bytes", "resume", "tls_ca", "tls_cert", "tls_key")
+    ("workers", "scheduler", "scheduler_file", "store", "factor_cache_bytes", "memory_limit_bytes", "resume", "tls_ca", "tls_cert", "tls_key")
 )
 DEFAULT_PATCHES = 6
 _FEWEST_FACES = 100
+_LEAST_MEMORY = 10**9
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +35,11 @@ class Options:
     no disks; method: pgcp, or dncp, scp (free boundary), cdcp, cem, ccem (disk) of the undivided mesh; flatten: dncp or scp;
     seams: weld, relax (welded boundary held, seams solved) or exact (no weld); backend: auto,
     pardiso or superlu; seed: of the partition; store: directory shared with the workers; repairs: which tiers may take folds
-    away; no_overlap: where a free map overlaps itself, map to the disk instead; factor_cache_bytes: what
-    factors one process may keep between the passes; fix: repair the topology of a mesh that the target does not fit.
+    away; no_overlap: where a free map overlaps itself, map to the disk instead; factor_cache_bytes: what factors one process
+    may keep between the passes, None for what the memory limit leaves, or 2 GiB; memory_limit_bytes: of all processes together;
+    fix: repair the topology of a mesh that the target does not fit; resume: take up what an earlier run of the same mesh and
+    options has finished, and keep what this one has when it is interrupted; tls_ca, tls_cert, tls_key: PEM files for a
+    scheduler with TLS.
     """
 
     patches: int | None = None
@@ -55,7 +59,8 @@ class Options:
     store: Path | None = None
     repairs: tuple[str, ...] = REPAIRS
     no_overlap: bool = False
-    factor_cache_bytes: int = 2 * 1024**3
+    factor_cache_bytes: int | None = None
+    memory_limit_bytes: int | None = None
     fix: bool = False
     resume: bool = False
     tls_ca: Path | None = None
@@ -105,7 +110,9 @@ class Options:
             raise InputError(f"unknown repair {unknown[0]!r}; choose from {', '.join(REPAIRS)}")
         if self.no_overlap and self.target in ("disk", "sphere"):
             raise InputError(f"a map to the {self.target} does not overlap itself; no_overlap goes with the target free")
-        if self.factor_cache_bytes < 0:
+        if self.memory_limit_bytes is not None and self.memory_limit_bytes < _LEAST_MEMORY:
+            raise InputError(f"the memory limit is {self.memory_limit_bytes} bytes, it must be at least {_LEAST_MEMORY}")
+        if self.factor_cache_bytes is not None and self.factor_cache_bytes < 0:
             raise InputError(f"factor_cache_bytes is {self.factor_cache_bytes}, it must be 0 or more")
 
     def patch_count(self, face_count: int, fewest: int = 1) -> int:

@@ -191,7 +191,7 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
             key = _run_key(mesh, options, backend)
         clock.executor = executor
         with _resumable(options, key) as directory:
-            job = Job(name, directory, options.flatten, backend, options.factor_cache_bytes, options.seams == "relax")
+            job = Job(name, directory, options.flatten, backend, options.factor_cache_bytes or 2**31, options.seams == "relax")
             run = Run(mesh, topology, target, mollification, options, job, executor, clock)
             with _tidied(executor, name):
                 outcome = map_mesh(run)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Collection
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import IO, Any
@@ -74,10 +75,13 @@ def write_outputs(
     directory: Path,
     stem: str,
     result: Parameterization,
-    picture: bytes,
+    picture: bytes | None,
     switching: AbstractContextManager[object] | None = None,
+    kinds: Collection[str] = ("obj", "ply"),
 ) -> list[Path]:
     """Write npz, obj, ply, png and report.json into a directory made as needed; returns the paths, the report last.
+
+    Of obj and ply those in ``kinds``, a png where there is a picture; what an earlier run wrote of the others is removed.
 
     All are written and on the disk before the first takes the place of an earlier one, inside ``switching``; a failure
     before that leaves everything as it was.
@@ -90,12 +94,15 @@ def write_outputs(
     report = json.dumps(result.report, indent=2, allow_nan=False).encode() + b"\n"
     with replacing_together(directory) as files:
         np.savez(files.open(f"{stem}.npz"), **arrays)
-        if result.target == "sphere":
+        if "obj" in kinds and result.target == "sphere":
             _write_obj(files.open(f"{stem}.obj"), Mesh(result.coordinates, faces, stem), None)
-        else:
+        elif "obj" in kinds:
             _write_obj(files.open(f"{stem}.obj"), result.mesh, result.coordinates)
-        _write_ply(files.open(f"{stem}.ply"), result.mesh, result.coordinates)
-        files.open(f"{stem}.png").write(picture)
+        if "ply" in kinds:
+            _write_ply(files.open(f"{stem}.ply"), result.mesh, result.coordinates)
+        if picture is not None:
+            files.open(f"{stem}.png").write(picture)
+        files.without(f"{stem}.{kind}" for kind in ("obj", "ply", "png") if kind not in (*kinds, "png" if picture else ""))
         files.open("report.json").write(report)
         files.sync()
         with switching or nullcontext():
