@@ -52,7 +52,7 @@ class PartReport:
         return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _vertex_runs(faces: IntArray, twins: IntArray, labels: IntArray, starts: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """(vertex, label) once for each run of a label around a vertex with two labels or more."""
     vertices = []
@@ -97,7 +97,7 @@ def _vertex_runs(faces: IntArray, twins: IntArray, labels: IntArray, starts: Int
     return out_vertices, out_labels, inner_only
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _inner_edges(twins: IntArray, labels: IntArray, part_count: int) -> IntArray:
     """Edges inside each part (K,)."""
     out = np.zeros(part_count, np.int64)
@@ -107,9 +107,15 @@ def _inner_edges(twins: IntArray, labels: IntArray, part_count: int) -> IntArray
     return out
 
 
-def check_partition(faces: IntArray, twins: IntArray, labels: IntArray, part_count: int) -> PartReport:
-    """Examine every part of a partition. labels (F,) in [0, part_count). Nothing is changed."""
-    starts = vertex_starts(faces, twins, int(faces.max()) + 1)
+def check_partition(
+    faces: IntArray, twins: IntArray, labels: IntArray, part_count: int, starts: IntArray | None = None
+) -> PartReport:
+    """Examine every part of a partition. labels (F,) in [0, part_count). Nothing is changed.
+
+    starts (V,) as from ``vertex_starts``, where they are there already.
+    """
+    if starts is None:
+        starts = vertex_starts(faces, twins, int(faces.max()) + 1)
     vertices, run_labels, inner = _vertex_runs(faces, twins, labels, starts)
     face_count = np.bincount(labels, minlength=part_count)
     pair = vertices * part_count + run_labels

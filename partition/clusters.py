@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 from partition.dual_graph import FloatArray, IntArray
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _grow(twins: IntArray, size: int) -> tuple[IntArray, IntArray, IntArray]:
     """Cluster of every face (F,), faces ordered by cluster (F,), and where each cluster begins in that order.
 
@@ -54,7 +54,7 @@ def _grow(twins: IntArray, size: int) -> tuple[IntArray, IntArray, IntArray]:
     return cluster, order, starts[: count + 1].copy()
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _graph(
     twins: IntArray, lengths: FloatArray, cluster: IntArray, order: IntArray, starts: IntArray
 ) -> tuple[IntArray, IntArray, FloatArray]:

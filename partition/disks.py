@@ -205,14 +205,14 @@ def make_disks(vertices: FloatArray, faces: IntArray, twins: IntArray, labels: I
 
     Raises PartitionError where the surface cannot carry that many disks.
     """
-    lengths = edge_lengths(vertices, faces)
     starts = vertex_starts(faces, twins, len(vertices))
     labels = _drop_empty(labels.astype(np.int32))
     for _ in range(_ROUNDS):
         count = int(labels.max()) + 1
-        report = check_partition(faces, twins, labels, count)
+        report = check_partition(faces, twins, labels, count, starts)
         if report.is_valid and count >= part_count:
             break
+        lengths = edge_lengths(vertices, faces)
         if (report.component_count != 1).any():
             labels = _drop_empty(_join_pieces(twins, lengths, labels))
             continue

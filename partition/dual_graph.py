@@ -18,7 +18,7 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def edge_lengths(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Length of every half-edge (3F,)."""
     out = np.empty(3 * faces.shape[0])
@@ -32,7 +32,7 @@ def edge_lengths(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def vertex_starts(faces: IntArray, twins: IntArray, vertex_count: int) -> IntArray:
     """One outgoing half-edge per vertex (V,): the boundary one where there is one, -1 for unused vertices."""
     start = np.full(vertex_count, -1, np.int64)
@@ -43,7 +43,7 @@ def vertex_starts(faces: IntArray, twins: IntArray, vertex_count: int) -> IntArr
     return start
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _dual(twins: IntArray, lengths: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
     face_count = twins.shape[0] // 3
     indptr = np.zeros(face_count + 1, np.int32)
@@ -70,7 +70,7 @@ def dual_graph(twins: IntArray, lengths: FloatArray) -> csr_array:
     return csr_array((weights, indices, indptr), shape=(face_count, face_count))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _components(twins: IntArray, labels: IntArray) -> tuple[int, IntArray]:
     face_count = labels.shape[0]
     component = np.full(face_count, -1, np.int32)
@@ -98,7 +98,7 @@ def label_components(twins: IntArray, labels: IntArray) -> tuple[int, IntArray]:
     return int(count), component
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def seam_half_edges(twins: IntArray, labels: IntArray) -> IntArray:
     """Half-edges between faces of different labels, the lower of each two, increasing."""
     found = [0 for _ in range(0)]

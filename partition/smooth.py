@@ -8,7 +8,7 @@ import numpy as np
 from partition.dual_graph import FloatArray, IntArray
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _has_label(faces: IntArray, twins: IntArray, labels: IntArray, start: int, label: int) -> bool:
     h = start
     while True:
@@ -20,7 +20,7 @@ def _has_label(faces: IntArray, twins: IntArray, labels: IntArray, start: int, l
             return False
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _is_inside(faces: IntArray, twins: IntArray, labels: IntArray, start: int, label: int) -> bool:
     """Whether all faces around the vertex carry the label and the vertex is not on the surface's boundary."""
     h = start
@@ -35,7 +35,7 @@ def _is_inside(faces: IntArray, twins: IntArray, labels: IntArray, start: int, l
             return True
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def can_move(faces: IntArray, twins: IntArray, labels: IntArray, starts: IntArray, face: int, to: int) -> bool:
     """Whether face may change to label ``to`` with both its part and the other still disks.
 
@@ -61,7 +61,7 @@ def can_move(faces: IntArray, twins: IntArray, labels: IntArray, starts: IntArra
     return shared == 2 or not _has_label(faces, twins, labels, opposite, to)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def shorten_seams(
     faces: IntArray,
     twins: IntArray,

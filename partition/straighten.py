@@ -10,17 +10,17 @@ import numpy as np
 from partition.dual_graph import FloatArray, IntArray
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _before(h: int) -> int:
     return h - 1 if h % 3 else h + 2
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _after(h: int) -> int:
     return h + 1 if h % 3 < 2 else h - 2
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _runs(twins: IntArray, labels: IntArray, start: int) -> int:
     """Changes of label around a vertex, from one of its half-edges on; 3 or more also where it is on the surface's boundary."""
     changes, h = 0, start
@@ -36,7 +36,7 @@ def _runs(twins: IntArray, labels: IntArray, start: int) -> int:
             return changes
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _next_on_seam(twins: IntArray, labels: IntArray, h: int) -> int:
     """The seam's half-edge after h, with the same two labels at its sides; h ends in a vertex of this seam alone."""
     h = _after(h)
@@ -45,7 +45,7 @@ def _next_on_seam(twins: IntArray, labels: IntArray, h: int) -> int:
     return h
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _band(
     faces: IntArray,
     twins: IntArray,
@@ -82,7 +82,7 @@ def _band(
         begin = end
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _shortest(
     faces: IntArray,
     twins: IntArray,
@@ -140,7 +140,7 @@ def _shortest(
     return np.array(path)[::-1].copy() if len(path) > 0 else np.empty(0, np.int64)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _fill(twins: IntArray, labels: IntArray, size: IntArray, wall: IntArray, number: int, seeds: IntArray, label: int) -> None:
     """Give the seeds that carry another label, and all faces of theirs not behind the wall, this label."""
     work = [0 for _ in range(0)]
@@ -161,7 +161,7 @@ def _fill(twins: IntArray, labels: IntArray, size: IntArray, wall: IntArray, num
                 work.append(twins[h] // 3)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _replace(
     twins: IntArray, labels: IntArray, size: IntArray, path: IntArray, wall: IntArray, number: int, p: int, q: int
 ) -> None:
@@ -175,7 +175,7 @@ def _replace(
     _fill(twins, labels, size, wall, number, right, q)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def straighten_seams(
     faces: IntArray, twins: IntArray, lengths: FloatArray, starts: IntArray, labels: IntArray, part_count: int, rings: int
 ) -> int:

@@ -12,7 +12,7 @@ from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, Posi
 _ROUNDING = 8.0 * np.finfo(np.float64).eps
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def beltrami_coefficients(vertices: FloatArray, faces: IntArray, z: ComplexArray) -> ComplexArray:
     """Beltrami coefficient mu = f_zbar / f_z of every face (F,) of the map vertices (V, 3) -> z (V,) (PGCP eq. 3.14).
 
@@ -45,7 +45,7 @@ def beltrami_coefficients(vertices: FloatArray, faces: IntArray, z: ComplexArray
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _signed_areas(faces: IntArray, z: ComplexArray) -> tuple[FloatArray, BoolArray]:
     out = np.empty(faces.shape[0])
     unsure = np.empty(faces.shape[0], np.bool_)
@@ -68,7 +68,7 @@ def folded_faces(faces: IntArray, z: ComplexArray) -> IntArray:
     return np.flatnonzero(folded)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def beltrami_coefficients_on_sphere(vertices: FloatArray, faces: IntArray, points: FloatArray) -> ComplexArray:
     """Beltrami coefficient of every face (F,) of the map vertices (V, 3) -> points (V, 3) on the unit sphere.
 
@@ -103,7 +103,7 @@ def map_coefficients(mesh: Mesh, faces: IntArray, coordinates: FloatArray) -> Co
     return mu
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _volumes(faces: IntArray, points: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Six times the volume of the tetrahedron of each face and the origin, and where rounding may change its sign."""
     out = np.empty(faces.shape[0])
@@ -138,7 +138,7 @@ def find_folds(faces: IntArray, points: Positions) -> IntArray:
     return folded_faces(faces, points) if points.ndim == 1 else folded_faces_on_sphere(faces, points)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def covering_degree(faces: IntArray, points: FloatArray) -> float:
     """How often the sphere is covered: signed areas of all spherical triangles over 4 pi (van Oosterom, Strackee 1983)."""
     total = 0.0

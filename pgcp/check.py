@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+
 import numba
 import numpy as np
 
 from pgcp.errors import DegenerateError, InputError, NotManifoldError, NotSimplyConnectedError
 from pgcp.mend import Mended, mend
-from pgcp.operators import face_areas
+from pgcp.operators import face_areas, needed_mollification
 from pgcp.topology import Topology, examine
 from pgcp.types import FloatArray, IntArray, Mesh
 
@@ -30,28 +33,56 @@ def fitting_target(name: str, topology: Topology, target: str) -> str:
     )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Geometry:
+    """A mesh at the origin and of about unit size; that unit; the mollification it needs there, and its faces without area."""
+
+    mesh: Mesh
+    unit: float
+    mollification: float
+    flat_count: int
+
+
+def measure(mesh: Mesh) -> Geometry:
+    """Move a mesh to the origin and scale it, and see what its faces are; raises DegenerateError where they are one point."""
+    moved, unit = unit_mesh(mesh)
+    bare = moved.bare
+    flat = int(np.count_nonzero(~(face_areas(bare.vertices, bare.faces) > 0.0)))
+    return Geometry(moved, unit, needed_mollification(moved.vertices, moved.faces), flat)
+
+
 def check_mesh(mesh: Mesh, target: str = "auto") -> Topology:
     """Examine a mesh and refuse one that the target does not fit; auto takes open disks and closed spheres.
 
     Raises NotManifoldError, NotSimplyConnectedError or DegenerateError, saying what the mesh is and where it is wrong, and
     what ``--fix`` would do where that makes it fit.
     """
-    try:
-        return _check(mesh, target, examine(mesh.faces, len(mesh.vertices)))
-    except (NotManifoldError, NotSimplyConnectedError) as problem:
-        cure = what_fix_would_do(mesh, target)
-        raise type(problem)(f"{problem}; --fix would {cure}" if cure else str(problem)) from None
+    return checked(mesh, target)[0]
 
 
-def check_mended(mended: Mended, target: str = "auto") -> Topology:
+def checked(mesh: Mesh, target: str = "auto") -> tuple[Topology, Geometry]:
+    """As ``check_mesh``; topology and geometry, looked at at the same time."""
+    with ThreadPoolExecutor(1) as pool:
+        geometry = pool.submit(measure, mesh)
+        topology = examine(mesh.faces, len(mesh.vertices))
+        try:
+            return _check(mesh, target, topology, geometry)
+        except (NotManifoldError, NotSimplyConnectedError) as problem:
+            cure = what_fix_would_do(mesh, target)
+            raise type(problem)(f"{problem}; --fix would {cure}" if cure else str(problem)) from None
+
+
+def check_mended(mended: Mended, target: str = "auto") -> tuple[Topology, Geometry]:
     """The same of a mesh that has been mended: says what could not be."""
     mesh = mended.mesh
     if mended.fixes:
         mesh = Mesh(mesh.vertices, mesh.faces, f"{mesh.name}, fixed,", mesh.filler)
-    try:
-        return _check(mesh, target, mended.topology)
-    except (NotManifoldError, NotSimplyConnectedError) as problem:
-        raise type(problem)(f"{problem}; {mended.obstacle}" if mended.obstacle else str(problem)) from None
+    with ThreadPoolExecutor(1) as pool:
+        geometry = pool.submit(measure, mended.mesh)
+        try:
+            return _check(mesh, target, mended.topology, geometry)
+        except (NotManifoldError, NotSimplyConnectedError) as problem:
+            raise type(problem)(f"{problem}; {mended.obstacle}" if mended.obstacle else str(problem)) from None
 
 
 def what_fix_would_do(mesh: Mesh, target: str = "auto") -> str:
@@ -64,17 +95,16 @@ def what_fix_would_do(mesh: Mesh, target: str = "auto") -> str:
     return ", ".join(f"{fix.step} {fix.what}" for fix in mended.fixes)
 
 
-def _check(mesh: Mesh, target: str, topology: Topology) -> Topology:
+def _check(mesh: Mesh, target: str, topology: Topology, measured: Future[Geometry]) -> tuple[Topology, Geometry]:
     if topology.defects:
         raise NotManifoldError(f"{mesh.name}: {topology.defects[0].message}")
     fitting_target(mesh.name, topology, target)
-    unit = unit_mesh(mesh)[0].bare
-    flat = np.flatnonzero(~(face_areas(unit.vertices, unit.faces) > 0.0))
-    if len(flat) == len(unit.faces):
+    geometry, count = measured.result(), len(mesh.bare.faces)
+    if geometry.flat_count == count:
         raise DegenerateError(f"{mesh.name}: all faces have zero area")
-    if len(flat) > _MOST_FLAT * len(unit.faces):
-        raise DegenerateError(f"{mesh.name}: {len(flat)} of {len(unit.faces)} faces have zero area{_lost_digits(mesh)}")
-    return topology
+    if geometry.flat_count > _MOST_FLAT * count:
+        raise DegenerateError(f"{mesh.name}: {geometry.flat_count} of {count} faces have zero area{_lost_digits(mesh)}")
+    return topology, geometry
 
 
 def _lost_digits(mesh: Mesh) -> str:
@@ -103,7 +133,7 @@ def unit_mesh(mesh: Mesh) -> tuple[Mesh, float]:
     return Mesh(points, mesh.faces, mesh.name, mesh.filler), float(np.ldexp(1.0, exponent + more))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _extent(points: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest coordinates (3,) of the points that faces use."""
     used = np.zeros(points.shape[0], np.bool_)

@@ -33,8 +33,8 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="pgcp-run",
         description="Map a triangle mesh conformally to the plane, the disk or the sphere, patch by patch and in parallel.",
-        epilog="Exit status: 0 good, 2 bad input or usage, 3 numerical failure or folds, 4 stopped by lost workers, scheduler or "
-        "store, 1 a bug, 130 interrupted.",
+        epilog="Exit status: 0 good, 2 bad input or usage, 3 numerical failure or folds, 4 stopped by lost workers, scheduler "
+        "or store, 1 a bug, 130 interrupted.",
     )
     parser.add_argument("mesh", nargs="?", type=Path, help="PLY, OBJ, STL, OFF, GLB or glTF file; without it, a built-in demo")
     parser.add_argument(

@@ -6,7 +6,10 @@ import numba
 import numpy as np
 
 from pgcp.operators import face_areas
-from pgcp.types import ComplexArray, FloatArray, Mesh, Positions
+from pgcp.parallel import in_slices
+from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Positions
+
+_TINY = 1e-290
 
 
 def as_points(positions: Positions) -> FloatArray:
@@ -18,7 +21,7 @@ def as_points(positions: Positions) -> FloatArray:
     return np.column_stack([positions, np.zeros(len(positions))])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def corner_angles(vertices: FloatArray, faces: np.ndarray) -> FloatArray:
     """Angle of every corner (F, 3), radians, by atan2 of cross and dot product."""
     out = np.empty((faces.shape[0], 3))
@@ -40,15 +43,46 @@ def corner_angles(vertices: FloatArray, faces: np.ndarray) -> FloatArray:
     return out
 
 
+@numba.njit(cache=True, nogil=True)
+def _corner(points: FloatArray, a: int, b: int, c: int) -> tuple[float, float]:
+    """Length of the cross product and dot product of the edges a -> b and a -> c; points (V, 2) or (V, 3)."""
+    ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+    vx, vy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
+    if points.shape[1] == 2:
+        return abs(ux * vy - uy * vx), ux * vx + uy * vy
+    uz, vz = points[b, 2] - points[a, 2], points[c, 2] - points[a, 2]
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    return np.sqrt(nx * nx + ny * ny + nz * nz), ux * vx + uy * vy + uz * vz
+
+
+@numba.njit(cache=True, nogil=True)
+def angle_error_slice(vertices: FloatArray, image: FloatArray, faces: IntArray, begin: int, end: int) -> FloatArray:
+    """|angle in the image - angle on the surface| (N, 3), degrees, of faces from begin to end; image (V, 2) or (V, 3).
+
+    Each by one arc tangent: the argument of the quotient of the two corners, seen as complex numbers.
+    """
+    out = np.empty((end - begin, 3))
+    for f in range(begin, end):
+        for i in range(3):
+            a, b, c = faces[f, i], faces[f, (i + 1) % 3], faces[f, (i + 2) % 3]
+            s, d = _corner(vertices, a, b, c)
+            t, e = _corner(image, a, b, c)
+            across, along = t * d - e * s, e * d + t * s
+            if abs(across) + abs(along) < _TINY:
+                out[f - begin, i] = np.degrees(abs(np.arctan2(t, e) - np.arctan2(s, d)))
+            else:
+                out[f - begin, i] = np.degrees(abs(np.arctan2(across, along)))
+    return out
+
+
 def angle_errors(mesh: Mesh, positions: Positions) -> FloatArray:
     """|angle in the map - angle on the surface| of every corner (F, 3), degrees (PGCP eq. 5.1); chords on the sphere."""
-    difference = corner_angles(as_points(positions), mesh.faces)
-    difference -= corner_angles(mesh.vertices, mesh.faces)
-    np.abs(difference, out=difference)
-    return np.degrees(difference, out=difference)
+    image = positions if positions.ndim == 2 else np.column_stack([positions.real, positions.imag])
+    parts = in_slices(lambda begin, end: angle_error_slice(mesh.vertices, image, mesh.faces, begin, end), len(mesh.faces))
+    return np.concatenate(parts)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _conformal_energy(vertices: FloatArray, faces: np.ndarray, z: np.ndarray) -> float:
     total = 0.0
     for f in range(faces.shape[0]):

@@ -12,7 +12,7 @@ _SPARE = 1e-5
 _ENOUGH_SPARE = 1e-10
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _edge_lengths(vertices: FloatArray, face: IntArray, length: FloatArray) -> None:
     """Write the lengths of a face's edges, edge i opposite corner i."""
     for i in range(3):
@@ -23,7 +23,7 @@ def _edge_lengths(vertices: FloatArray, face: IntArray, length: FloatArray) -> N
         length[i] = np.sqrt(square)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _mollified_cotangents(vertices: FloatArray, faces: IntArray, mollification: float) -> FloatArray:
     """Cotangents (F, 3) from edge lengths, each longer by the same ``mollification``: no triangle is degenerate then."""
     out = np.empty((faces.shape[0], 3))
@@ -42,7 +42,7 @@ def _mollified_cotangents(vertices: FloatArray, faces: IntArray, mollification: 
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _spare_length(vertices: FloatArray, faces: IntArray) -> tuple[float, float]:
     """Least of (two shorter edges - longest edge) over all faces, and the mean edge length."""
     spare, total = np.inf, 0.0
@@ -64,7 +64,7 @@ def needed_mollification(vertices: FloatArray, faces: IntArray) -> float:
     return 0.0 if spare >= _ENOUGH_SPARE * mean else float(_SPARE * mean - spare)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def cotangents(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Cotangent of every corner (F, 3): dot product of its two edges over twice the face's area.
 
@@ -94,7 +94,7 @@ def cotangents(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def face_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Area of every face (F,), in squared units of the vertices."""
     out = np.empty(faces.shape[0])

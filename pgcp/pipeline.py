@@ -19,7 +19,7 @@ import numpy as np
 from pgcp.assemble import placed
 from pgcp.attempts import map_mesh
 from pgcp.beltrami import covering_degree, find_folds, map_coefficients
-from pgcp.check import check_centre, check_mended, check_mesh, fitting_target, unit_mesh
+from pgcp.check import check_centre, check_mended, checked, fitting_target
 from pgcp.dirichlet import choose_backend
 from pgcp.distortion import conformal_energy
 from pgcp.errors import FoldError, InputError, NumericalError, PgcpError, StoppedError
@@ -27,7 +27,6 @@ from pgcp.executors import DaskExecutor, Executor, Progress, Security, SerialExe
 from pgcp.files import run_directory
 from pgcp.io import read_cuts, read_mesh
 from pgcp.mend import Mended, mend, unmended
-from pgcp.operators import needed_mollification
 from pgcp.options import DISK_METHODS, RUNNING, Options
 from pgcp.quality import measure_quality
 from pgcp.run import Clock, Mapped, Run
@@ -180,14 +179,13 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
             mesh = as_mesh(source)
         with clock.stage("check"):
             mended = mend(mesh, options.target) if options.fix else unmended(mesh)
-            topology = check_mended(mended, options.target) if options.fix else check_mesh(mesh, options.target)
+            topology, geometry = check_mended(mended, options.target) if options.fix else checked(mesh, options.target)
             target = fitting_target(mesh.name, topology, options.target)
             if options.seams == "relax" and target == "sphere":
                 raise InputError(_NO_BOUNDARY_TO_HOLD)
             check_centre(mesh, options.centre, options.moebius, target)
             options = _renumbered(options, mended)
-            mesh, unit = unit_mesh(mended.mesh)
-            mollification = needed_mollification(mesh.vertices, mesh.faces)
+            mesh, unit, mollification = geometry.mesh, geometry.unit, geometry.mollification
             key = _run_key(mesh, options, backend)
         clock.executor = executor
         with _resumable(options, key) as directory:

@@ -167,7 +167,7 @@ def split_mesh(
     return Split(labels, patch_count, _edge_table(mesh, topology.twins, labels, mollification), table)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def faces_by_label(labels: IntArray, count: int) -> tuple[IntArray, IntArray]:
     """Faces sorted by label, and where each label begins."""
     starts = np.zeros(count + 1, np.int64)
@@ -183,7 +183,7 @@ def faces_by_label(labels: IntArray, count: int) -> tuple[IntArray, IntArray]:
     return order, starts
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def vertices_of(faces: IntArray, face_ids: IntArray, marks: BoolArray) -> IntArray:
     """Sorted ids of the vertices that some faces use. marks (V,) are false everywhere, before and after."""
     used = np.empty(3 * face_ids.shape[0], np.int64)
@@ -201,7 +201,7 @@ def vertices_of(faces: IntArray, face_ids: IntArray, marks: BoolArray) -> IntArr
     return ids
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _localise(faces: IntArray, face_ids: IntArray, ids: IntArray, local: IntArray) -> IntArray:
     """Faces (N, 3) in the numbers of sorted vertices; local (V,) is written to."""
     for k in range(ids.shape[0]):
@@ -213,7 +213,7 @@ def _localise(faces: IntArray, face_ids: IntArray, ids: IntArray, local: IntArra
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _rim(twins: IntArray, labels: IntArray, face_ids: IntArray) -> IntArray:
     """Half-edges, numbered within the patch, that have no twin in it."""
     found = [np.int64(0) for _ in range(0)]

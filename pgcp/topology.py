@@ -12,6 +12,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from pgcp.parallel import at_once
 from pgcp.types import IntArray
 
 BOUNDARY = -1
@@ -84,7 +85,7 @@ class Topology:
         return kind
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _by_lower_end(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray, IntArray]:
     """Half-edges sorted by their lower vertex: where each vertex begins, half-edge, higher vertex."""
     starts = np.zeros(vertex_count + 1, np.int64)
@@ -105,7 +106,7 @@ def _by_lower_end(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArra
     return starts, half_edge, higher
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _pair(faces: IntArray, vertex_count: int, twins: IntArray) -> tuple[int, IntArray, IntArray]:
     """Fill in twins; returns the number of edges, and one half-edge of each with more than two faces or two that disagree."""
     starts, half_edge, higher = _by_lower_end(faces, vertex_count)
@@ -160,7 +161,7 @@ def pair_half_edges(faces: IntArray, vertex_count: int) -> IntArray:
     return _paired(faces, vertex_count)[0]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _vertex_fans(faces: IntArray, twins: IntArray, vertex_count: int) -> IntArray:
     """Vertices whose faces form more than one fan."""
     corner_count = np.zeros(vertex_count, np.int64)
@@ -215,7 +216,7 @@ def loops_of(tails: IntArray, heads: IntArray) -> list[IntArray]:
     return loops
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _component_count(twins: IntArray) -> int:
     """Connected components of faces that share an edge."""
     face_count = twins.shape[0] // 3
@@ -299,15 +300,18 @@ def examine(faces: IntArray, vertex_count: int) -> Topology:
         else:
             sentence = "the surface is not orientable (a Moebius band lies in it): {n} edges disagree, edges {which}"
             defects.append(_defect("not-orientable", ends(turned), sentence))
+    counted = at_once(
+        lambda: _component_count(twins), lambda: _vertex_fans(faces, twins, vertex_count) if not defects else None
+    )
     if not defects:
-        split = _vertex_fans(faces, twins, vertex_count)
+        split = counted[1]
         if len(split):
             sentence = "{n} vertices are non-manifold (faces touch in the vertex only): vertices {which}"
             defects.append(_defect("non-manifold-vertex", split, sentence))
     referenced = np.zeros(vertex_count, bool)
     referenced[flat] = True
     used = int(np.count_nonzero(referenced))
-    components = int(_component_count(twins))
+    components = int(counted[0])
     return Topology(
         vertex_count=vertex_count,
         face_count=len(faces),

@@ -30,7 +30,7 @@ def _right_root(w_re: float, w_im: float) -> tuple[float, float]:
     return s, np.copysign(t, w_im)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _open_step(re: FloatArray, im: FloatArray, a: float, b: float) -> None:
     """Open the slit from 0 to xi = a + i b for points off it: z -> sqrt(L(z)^2 - 1), L(xi) = 1 (PGCP eq. 3.12)."""
     square = a * a + b * b
@@ -65,7 +65,7 @@ def _root_difference(difference: complex, root: complex, before: complex) -> com
     return difference / total if abs(total) >= abs(plain) else plain
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _open_rest_of_arc(x: FloatArray, steps: ComplexArray, first: int) -> None:
     """Pass the arc points after ``first``, which is being opened, through sqrt(L^2 - 1) in place.
 
@@ -99,7 +99,7 @@ def _open_rest_of_arc(x: FloatArray, steps: ComplexArray, first: int) -> None:
         q_before, image_before, root_before = q, image, root
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _open_gaps(p: FloatArray, gaps: FloatArray, count: int, shift: float, scale: float, branch: float) -> None:
     """Pass inverse heights through sqrt(L^2 - 1) in place: t = (p - shift) / scale, then t / sqrt(1 + t^2).
 
@@ -123,7 +123,7 @@ def _open_gaps(p: FloatArray, gaps: FloatArray, count: int, shift: float, scale:
     p[count] = branch
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def open_arc(arc: ComplexArray, others: ComplexArray, branch: float) -> tuple[FloatArray, ComplexArray, int]:
     """Bring a boundary curve to its intermediate form (PGCP Algorithm 1).
 
@@ -167,7 +167,7 @@ def open_arc(arc: ComplexArray, others: ComplexArray, branch: float) -> tuple[Fl
     return gaps, out, -1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _close_step(re: FloatArray, im: FloatArray, p: float, q: float) -> None:
     """Close the slit from i / p to i / q through 0: z -> sqrt(T(z)^2 + 1), T(i/p) = i, T(i/q) = -i (PGCP eq. 4.14-4.16)."""
     c, d = 0.5 * (p - q), 0.5 * (p + q)
@@ -185,7 +185,7 @@ def _close_step(re: FloatArray, im: FloatArray, p: float, q: float) -> None:
         re[i], im[i] = _right_root((m_re * s_re + m_im * s_im) / (q2 * q2), 2.0 * t_re * t_im)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _close_gaps(gaps: FloatArray, count: int, other_total: float) -> float:
     """Pass the gaps of one side through sqrt(T^2 + 1) in place; point ``count`` is being welded.
 
@@ -218,7 +218,7 @@ def _close_gaps(gaps: FloatArray, count: int, other_total: float) -> float:
     return first
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def close_arcs(upper: FloatArray, lower: FloatArray, others: ComplexArray) -> tuple[ComplexArray, ComplexArray, int]:
     """Weld the points of the upper half-axis to those of the lower one (PGCP Algorithm 2).
 
@@ -262,7 +262,7 @@ def close_arcs(upper: FloatArray, lower: FloatArray, others: ComplexArray) -> tu
     return arc, out, -1
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def scale_variation(
     tails: ComplexArray, heads: ComplexArray, log_lengths: FloatArray, weights: FloatArray, poles: ComplexArray
 ) -> FloatArray:
