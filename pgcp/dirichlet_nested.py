@@ -138,8 +138,9 @@ def _factor(
         small = width <= _SMALL_FRONT or own < _FEW_COLUMNS
         if not (_eliminate_small(front, own, width) if small else _eliminate_large(front, own, width)):
             return -1
-        factor[done : done + own * width] = front[: own * width]
-        done += own * width
+        for t in range(own):
+            factor[done : done + width - t] = rows[t, t:]
+            done += width - t
         update = stack[top : top + rest * rest].reshape(rest, rest)
         for a in range(rest):
             for b in range(a, rest):
@@ -151,11 +152,10 @@ def _factor(
 @numba.njit(cache=True, nogil=True)
 def _forward(factor: FloatArray, first: IntArray, starts: IntArray, others: IntArray, x: FloatArray) -> None:
     """Solve U^T y = x in place for the eliminated positions, x (n, 2); kept positions get what is left of the load there."""
-    at = 0
+    row = 0
     for k in range(starts.shape[0] - 1):
         begin, end, start, stop = first[k], first[k + 1], starts[k], starts[k + 1]
         for t in range(begin, end):
-            row = at + t - begin
             re, im = x[t, 0] / factor[row], x[t, 1] / factor[row]
             x[t, 0], x[t, 1] = re, im
             for b in range(t + 1, end):
@@ -165,18 +165,17 @@ def _forward(factor: FloatArray, first: IntArray, starts: IntArray, others: IntA
                 u = factor[row + end - t + b - start]
                 x[others[b], 0] -= u * re
                 x[others[b], 1] -= u * im
-            at += end - begin + stop - start
+            row += end - t + stop - start
 
 
 @numba.njit(cache=True, nogil=True)
 def _backward(factor: FloatArray, first: IntArray, starts: IntArray, others: IntArray, x: FloatArray) -> None:
     """Solve U u = x in place for the eliminated positions, x (n, 2), kept positions given."""
-    at = factor.shape[0]
+    row = factor.shape[0]
     for k in range(starts.shape[0] - 2, -1, -1):
         begin, end, start, stop = first[k], first[k + 1], starts[k], starts[k + 1]
         for t in range(end - 1, begin - 1, -1):
-            at -= end - begin + stop - start
-            row = at + t - begin
+            row -= end - t + stop - start
             re, im = x[t, 0], x[t, 1]
             for b in range(t + 1, end):
                 re -= factor[row + b - t] * x[b, 0]

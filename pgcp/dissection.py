@@ -242,7 +242,7 @@ def _sizes(children: IntArray, first: IntArray, starts: IntArray) -> tuple[int, 
     factor, stack, most, widest = 0, 0, 0, 0
     for k in range(children.shape[0]):
         own, rest = first[k + 1] - first[k], starts[k + 1] - starts[k]
-        factor += own * (own + rest)
+        factor += own * (own + 1) // 2 + own * rest
         if children[k, 0] >= 0:
             for child in children[k]:
                 stack -= (starts[child + 1] - starts[child]) ** 2

@@ -16,7 +16,18 @@ DISK_METHODS = ("cdcp", "cem", "ccem")
 SEAMS = ("weld", "relax", "exact")
 # where and how a run runs: its results do not depend on these
 RUNNING = frozenset(
-    "workers scheduler scheduler_file store factor_cache_bytes memory_limit_bytes resume tls_ca tls_cert tls_key".split()
+    [
+        "workers",
+        "scheduler",
+        "scheduler_file",
+        "store",
+        "factor_cache_bytes",
+        "memory_limit_bytes",
+        "resume",
+        "tls_ca",
+        "tls_cert",
+        "tls_key",
+    ]
 )
 DEFAULT_PATCHES = 6
 _FEWEST_FACES = 100

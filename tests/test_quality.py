@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from meshes import cap, grid
+from meshes import cap, grid, lifted, spheroid
 
+import pgcp
 from pgcp.beltrami import beltrami_coefficients, folded_faces
-from pgcp.distortion import angle_errors, corner_angles, log_area_ratios
+from pgcp.distortion import angle_errors, as_points, corner_angles, log_area_ratios
 from pgcp.quality import measure_quality
 from pgcp.types import Mesh
 
@@ -98,3 +99,30 @@ def test_types_refuse_what_is_no_mesh():
     broken[4, 1] = np.nan
     with pytest.raises(DegenerateError, match="vertex 4"):
         Mesh(broken, good.faces)
+
+
+@pytest.mark.parametrize("kind", ["plane", "sphere"])
+def test_slices_measure_what_the_whole_would(kind, monkeypatch):
+    mesh = lifted(grid(31, 23, jitter=0.3)) if kind == "plane" else spheroid(3, 2.0)[0]
+    result = pgcp.parameterize(mesh, patches=2)
+    errors = angle_errors(mesh, result.coordinates)
+    logs, mu = np.abs(log_area_ratios(mesh, result.coordinates)), np.abs(result.mu)
+    for size in (1 << 18, 97, 1):
+        monkeypatch.setattr("pgcp.parallel._SLICE", size)
+        quality = measure_quality(mesh, result.coordinates, result.mu)
+        assert quality.angle_mean_deg == pytest.approx(errors.mean(), rel=1e-12)
+        assert quality.angle_sd_deg == pytest.approx(errors.std(), rel=1e-12)
+        assert quality.angle_median_deg == np.median(errors)
+        assert quality.angle_p99_deg == pytest.approx(np.quantile(errors, 0.99), rel=1e-14)
+        assert quality.angle_max_deg == errors.max()
+        assert (quality.mu_max, quality.folds) == (mu.max(), 0)
+        assert quality.mu_mean == pytest.approx(mu.mean(), rel=1e-12)
+        assert quality.log_area_mean == pytest.approx(logs.mean(), rel=1e-12)
+
+
+def test_angle_errors_are_differences_of_angles_however_small_the_image():
+    mesh = lifted(grid(9, jitter=0.3))
+    image = pgcp.parameterize(mesh, patches=1).coordinates * [1.0, 0.8]
+    for scale in (1.0, 1e-60, 1e-100):
+        expected = np.degrees(np.abs(corner_angles(as_points(image), mesh.faces) - corner_angles(mesh.vertices, mesh.faces)))
+        assert np.abs(angle_errors(mesh, image * scale) - expected).max() < 1e-9
