@@ -116,7 +116,7 @@ def _repaired_at_last(run: Run, done: Finished) -> Finished:
 def _choices(run: Run) -> Iterator[tuple[int, range]]:
     """Patch counts and their seeds to try, one after the other: the count asked for with three seeds, then fewer patches."""
     options, fewest = run.options, run.fewest_patches
-    count = max(fewest, options.patch_count(len(run.mesh.faces), fewest))
+    count = max(fewest, run.patch_count)
     alone = options.cuts is not None or count <= fewest or options.seams == "exact"
     yield count, range(options.seed, options.seed + (1 if alone else _SEEDS))
     while count > fewest and not alone:
@@ -275,8 +275,7 @@ def map_mesh(run: Run) -> Outcome:
     """
     failures: list[dict[str, Any]] = []
     if run.options.method in DISK_METHODS:
-        count = run.options.patch_count(len(run.mesh.faces))
-        parts = store_parts(run, count, run.options.seed, _cuts(run), run.options.method)
+        parts = store_parts(run, run.patch_count, run.options.seed, _cuts(run), run.options.method)
         return Outcome(_repaired_at_last(run, _finish(run, map_to_disk(run, parts))), failures)
     try:
         done = _map_with_retries(run, failures)

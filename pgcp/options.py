@@ -29,8 +29,6 @@ RUNNING = frozenset(
         "tls_key",
     ]
 )
-DEFAULT_PATCHES = 6
-_FEWEST_FACES = 100
 _LEAST_MEMORY = 10**9
 
 
@@ -38,7 +36,8 @@ _LEAST_MEMORY = 10**9
 class Options:
     """Options of a run.
 
-    patches: how many, None for 6 or fewer on a small mesh; workers: 0 for serial, else processes on this machine;
+    patches: how many, None for what ``pgcp.plan`` chooses by vertices, workers and memory; workers: 0 for serial, else
+    processes on this machine;
     target: free, disk or sphere, or auto for free on an open and sphere on a closed surface; centre: vertex that goes to
     the centre of the disk or the north pole of the sphere; moebius: correction of the finished map, none, least area
     distortion, least angle error (disk), or auto for what serves the target;
@@ -47,7 +46,7 @@ class Options:
     seams: weld, relax (welded boundary held, seams solved) or exact (no weld); backend: auto,
     pardiso or superlu; seed: of the partition; store: directory shared with the workers; repairs: which tiers may take folds
     away; no_overlap: where a free map overlaps itself, map to the disk instead; factor_cache_bytes: what factors one process
-    may keep between the passes, None for what the memory limit leaves, or 2 GiB; memory_limit_bytes: of all processes together;
+    may keep between the passes, None for 1.5 GB or what the memory limit leaves; memory_limit_bytes: of all processes together;
     fix: repair the topology of a mesh that the target does not fit; resume: take up what an earlier run of the same mesh and
     options has finished, and keep what this one has when it is interrupted; tls_ca, tls_cert, tls_key: PEM files for a
     scheduler with TLS.
@@ -125,9 +124,3 @@ class Options:
             raise InputError(f"the memory limit is {self.memory_limit_bytes} bytes, it must be at least {_LEAST_MEMORY}")
         if self.factor_cache_bytes is not None and self.factor_cache_bytes < 0:
             raise InputError(f"factor_cache_bytes is {self.factor_cache_bytes}, it must be 0 or more")
-
-    def patch_count(self, face_count: int, fewest: int = 1) -> int:
-        """Return the patches asked for, or else 6, or fewer so that each has 100 faces, but at least ``fewest``."""
-        if self.patches is not None:
-            return self.patches
-        return max(fewest, min(DEFAULT_PATCHES, face_count // _FEWEST_FACES))

@@ -28,9 +28,11 @@ from pgcp.files import run_directory
 from pgcp.io import read_cuts, read_mesh
 from pgcp.mend import Mended, mend, unmended
 from pgcp.options import DISK_METHODS, RUNNING, Options
+from pgcp.plan import Plan, make_plan
 from pgcp.quality import measure_quality
 from pgcp.run import Clock, Mapped, Run
 from pgcp.tasks import Job, drop_run, warm_up
+from pgcp.topology import Topology
 from pgcp.types import Mesh, Parameterization
 
 _NO_BOUNDARY_TO_HOLD = (
@@ -59,11 +61,19 @@ def _executor(options: Options, run: str, progress: Progress) -> SerialExecutor 
     return DaskExecutor(run, options.workers, options.scheduler, options.scheduler_file, progress, security, warm_up)
 
 
-def _run_key(mesh: Mesh, options: Options, backend: str) -> str:
+def _planned(mesh: Mesh, topology: Topology, options: Options, executor: Executor) -> Plan:
+    """Number of patches and size of the factor cache."""
+    workers = options.workers or (0 if isinstance(executor, SerialExecutor) else executor.describe()["workers"])
+    sizes = len(mesh.vertices), len(mesh.faces)
+    fewest = 1 if topology.loops else 2
+    return make_plan(*sizes, workers, options.patches, fewest, options.memory_limit_bytes, options.factor_cache_bytes)
+
+
+def _run_key(mesh: Mesh, options: Options, patch_count: int, backend: str) -> str:
     """What a run's results depend on, in short: the mesh, the options that matter, the versions. Stores are named by it."""
     matters = {name: value for name, value in _plain(options).items() if name not in RUNNING}
     digest = hashlib.blake2b(digest_size=12)
-    digest.update(json.dumps([matters, backend, _versions(), _STORE_FORMAT], sort_keys=True).encode())
+    digest.update(json.dumps([matters, patch_count, backend, _versions(), _STORE_FORMAT], sort_keys=True).encode())
     if options.cuts is not None:
         digest.update(read_cuts(options.cuts).tobytes())
     for array in (mesh.vertices, mesh.faces):
@@ -186,11 +196,12 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
             check_centre(mesh, options.centre, options.moebius, target)
             options = _renumbered(options, mended)
             mesh, unit, mollification = geometry.mesh, geometry.unit, geometry.mollification
-            key = _run_key(mesh, options, backend)
+            plan = _planned(mesh, topology, options, executor)
+            key = _run_key(mesh, options, plan.patches, backend)
         clock.executor = executor
         with _resumable(options, key) as directory:
-            job = Job(name, directory, options.flatten, backend, options.factor_cache_bytes or 2**31, options.seams == "relax")
-            run = Run(mesh, topology, target, mollification, options, job, executor, clock)
+            job = Job(name, directory, options.flatten, backend, plan.factor_cache_bytes, options.seams == "relax")
+            run = Run(mesh, topology, target, mollification, options, plan.patches, job, executor, clock)
             with _tidied(executor, name):
                 outcome = map_mesh(run)
         done, mapped = outcome.done, outcome.done.mapped

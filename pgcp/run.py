@@ -63,6 +63,7 @@ class Run:
     target: str
     mollification: float
     options: Options
+    patch_count: int
     job: Job
     executor: Executor
     clock: Clock
@@ -96,6 +97,12 @@ class Parts:
     def store(self) -> PatchStore:
         """Where they lie."""
         return PatchStore(self.job.directory)
+
+    def has(self, kind: str, index: int) -> bool:
+        """Whether a record is there; a curve only with the operator that is stored before it, where the job stores them."""
+        if kind == "curve" and self.job.stores_operators and not self.store.has_array("operator", index):
+            return False
+        return self.store.has(kind, index)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,15 +157,17 @@ def store_parts(run: Run, count: int, seed: int, cuts: IntArray | None, name: st
 def discard(parts: Parts) -> None:
     """Remove the files of a split that is done with, but for curves and unions: they are small, and dear."""
     for path in parts.job.directory.iterdir():
-        if not path.name.startswith(("curve", "union", "solved")):
+        if not path.name.startswith(("curve", "union")):
             path.unlink(missing_ok=True)
 
 
 def restored(run: Run, parts: Parts, problem: LostFileError) -> None:
-    """Store a patch again whose file is lost; raises the problem where it is of another kind."""
+    """Store patches again whose files are lost; raises the problem where it is of another kind."""
     if problem.kind != "patch":
         raise problem
-    parts.store.write_patch(cut_patch(run.mesh, run.topology, parts.split, problem.index))
+    for patch in parts.patches:
+        if patch.index == problem.index or not parts.store.has("patch", patch.index):
+            parts.store.write_patch(cut_patch(run.mesh, run.topology, parts.split, patch.index))
 
 
 def mapped_through_store(
@@ -166,25 +175,26 @@ def mapped_through_store(
 ) -> list[Record]:
     """Apply a task to an item for every patch, but where its record of that kind is in the store already.
 
-    A patch that is missing there is stored again.
+    Patches that are missing there are stored again: each once, and a few once more.
     """
     found: dict[int, Record] = {}
-    for losses in range(_MOST_LOSSES):
+    losses = 0
+    while True:
         for index in items:
-            if index not in found and parts.store.has(kind, index):
+            if index not in found and parts.has(kind, index):
                 with suppress(LostFileError):
                     found[index] = parts.store.read(kind, index, record)
-        left = [index for index in items if index not in found]
+        left = sorted((index for index in items if index not in found), key=lambda i: -parts.patches[i].vertex_count)
         try:
             results = run.executor.map(stage, task, [items[index] for index in left], left, len(found))
         except LostFileError as problem:
-            if losses == _MOST_LOSSES - 1:
+            losses += 1
+            if losses == len(items) + _MOST_LOSSES:
                 raise
             restored(run, parts, problem)
             continue
         found |= dict(zip(left, results, strict=True))
-        break
-    return [found[index] for index in items]
+        return [found[index] for index in items]
 
 
 def gathered(run: Run, parts: Parts, target: str, name: str = "") -> tuple[Positions, ComplexArray]:

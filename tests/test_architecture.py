@@ -40,6 +40,7 @@ LAYERS = [
     },
     {
         "check",
+        "plan",
         "split",
         "flatten",
         "weld",

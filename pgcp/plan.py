@@ -1,0 +1,69 @@
+"""How many patches, and what each process may keep: from vertices, workers and memory.
+
+Figures in bytes are those of runs of 1 to 25 million vertices: ``scripts/benchmark.py`` measures them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from pgcp.errors import InputError
+
+DEFAULT_PATCHES = 6
+_FEWEST_FACES = 100
+_MOST_VERTICES = 400_000  # of a patch: larger ones take longer per vertex, more of them longer seams
+_FEWEST_VERTICES = 20_000
+_DRIVER = 300_000_000
+_DRIVER_PER_VERTEX = 260
+_PROCESS = 250_000_000
+_WORK_PER_VERTEX = 2_000
+_KEPT_BYTES = 1_500_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Number of patches, and bytes of factors that one process may keep between the passes."""
+
+    patches: int
+    factor_cache_bytes: int
+
+
+def make_plan(
+    vertex_count: int,
+    face_count: int,
+    workers: int,
+    patches: int | None = None,
+    fewest: int = 1,
+    memory_limit_bytes: int | None = None,
+    factor_cache_bytes: int | None = None,
+) -> Plan:
+    """Choose what has not been chosen.
+
+    Six patches, fewer on a mesh of less than 600 faces, more where they would have more than 400,000 vertices, where there are
+    more workers, or where memory is short: the working set of a pass is that of one patch a process. What memory is then left
+    goes to factors that are kept for the second pass. Raises InputError where the limit is too low for the mesh.
+    """
+    processes = max(1, workers)
+    room: float = math.inf
+    if memory_limit_bytes is not None:
+        taken = _DRIVER + _DRIVER_PER_VERTEX * vertex_count + (processes * _PROCESS if workers else 0)
+        room = (memory_limit_bytes - taken) / processes
+    if patches is None:
+        patches = max(fewest, min(DEFAULT_PATCHES, face_count // _FEWEST_FACES))
+        patches = max(patches, -(-vertex_count // _MOST_VERTICES))
+        if vertex_count > processes * _FEWEST_VERTICES:
+            patches = max(patches, processes)
+        if room < math.inf:
+            most = max(1.0, room / _WORK_PER_VERTEX)
+            patches = max(patches, min(-(-vertex_count // _FEWEST_VERTICES), math.ceil(vertex_count / most)))
+    work = _WORK_PER_VERTEX * vertex_count / patches
+    if work > room:
+        need = (memory_limit_bytes or 0) + processes * (work - room)
+        raise InputError(
+            f"{vertex_count} vertices in {patches} patches on {processes} processes need about {need / 1e9:.1f} GB, more than "
+            f"the memory limit of {(memory_limit_bytes or 0) / 1e9:.1f} GB; allow more, or use fewer workers"
+        )
+    if factor_cache_bytes is None:
+        factor_cache_bytes = int(min(_KEPT_BYTES, room - work))
+    return Plan(patches, factor_cache_bytes)
