@@ -8,6 +8,8 @@ vertices. Small fronts are eliminated by compiled loops, large ones by SciPy's B
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numba
 import numpy as np
 from llvmlite import binding
@@ -87,12 +89,12 @@ def _eliminate_small(front: FloatArray, own: int, width: int) -> bool:
 def _factor(
     faces: IntArray, weights: FloatArray, order: IntArray, depth: int, children: IntArray, leaf: IntArray,
     first: IntArray, position: IntArray, starts: IntArray, others: IntArray,
-    factor: FloatArray, stack: FloatArray, front: FloatArray,
+    count_in: int, factor: FloatArray, stack: FloatArray, front: FloatArray,
 ) -> int:  # fmt: skip
-    """All fronts from the leaves up: rows of U node by node into factor, update matrices onto the stack.
+    """All fronts from the leaves up: rows of U into factor, unless that is empty, and update matrices onto the stack.
 
-    Returns the size of the stack, which then holds the root's Schur complement (upper triangle), or -1 where a pivot is not
-    positive.
+    Positions from count_in on are in no front. Returns the size of the stack, which then holds the root's Schur complement
+    (upper triangle), or -1 where a pivot is not positive.
     """
     n = faces.shape[0]
     place = np.zeros(position.shape[0], np.int32)
@@ -112,10 +114,14 @@ def _factor(
             for p in range((n * leaf[k]) >> depth, (n * (leaf[k] + 1)) >> depth):
                 f = order[p]
                 for i in range(3):
-                    a, b = place[position[faces[f, (i + 1) % 3]]], place[position[faces[f, (i + 2) % 3]]]
-                    rows[a, a] += weights[f, i]
-                    rows[b, b] += weights[f, i]
-                    rows[min(a, b), max(a, b)] -= weights[f, i]
+                    p1, p2 = position[faces[f, (i + 1) % 3]], position[faces[f, (i + 2) % 3]]
+                    if p1 < count_in:
+                        rows[place[p1], place[p1]] += weights[f, i]
+                    if p2 < count_in:
+                        rows[place[p2], place[p2]] += weights[f, i]
+                    if p1 < count_in and p2 < count_in:
+                        a, b = place[p1], place[p2]
+                        rows[min(a, b), max(a, b)] -= weights[f, i]
         else:
             for side in (1, 0):
                 child = children[k, side]
@@ -138,9 +144,10 @@ def _factor(
         small = width <= _SMALL_FRONT or own < _FEW_COLUMNS
         if not (_eliminate_small(front, own, width) if small else _eliminate_large(front, own, width)):
             return -1
-        for t in range(own):
-            factor[done : done + width - t] = rows[t, t:]
-            done += width - t
+        if factor.shape[0] > 0:
+            for t in range(own):
+                factor[done : done + width - t] = rows[t, t:]
+                done += width - t
         update = stack[top : top + rest * rest].reshape(rest, rest)
         for a in range(rest):
             for b in range(a, rest):
@@ -198,32 +205,98 @@ def _mirrored(upper: FloatArray) -> FloatArray:
     return out
 
 
-class NestedFactor:
-    """The cotangent Laplacian of a mesh with all but the kept vertices eliminated; see DirichletFactor.
+@numba.njit(cache=True, nogil=True)
+def _load_of(faces: IntArray, weights: FloatArray, position: IntArray, values: FloatArray, inner: int) -> FloatArray:
+    """-L_IB u_B (n_I, 2) by position, from values (n_B, 2) at kept positions, which begin at ``inner``."""
+    out = np.zeros((inner, 2))
+    for f in range(faces.shape[0]):
+        for i in range(3):
+            p, q = position[faces[f, (i + 1) % 3]], position[faces[f, (i + 2) % 3]]
+            if p > q:
+                p, q = q, p
+            if p < inner <= q:
+                out[p, 0] += weights[f, i] * values[q - inner, 0]
+                out[p, 1] += weights[f, i] * values[q - inner, 1]
+    return out
 
-    vertices (n, 3), faces (F, 3), kept (n_K,). Raises SolveFailedError where rounding leaves no positive pivot, or where a
-    vertex is in no face.
-    """
 
-    def __init__(self, vertices: FloatArray, faces: IntArray, kept: IntArray, mollification: float = 0.0) -> None:
-        faces = np.ascontiguousarray(faces, np.int32)
-        tree = dissect(vertices, faces, kept)
+class _Elimination:
+    """A mesh's cotangent weights eliminated along a dissection; raises SolveFailedError where that cannot be done."""
+
+    def __init__(
+        self,
+        vertices: FloatArray,
+        faces: IntArray,
+        kept: IntArray,
+        mollification: float,
+        without_kept: bool,
+        keeps: Callable[[int], bool] | None = None,
+    ) -> None:
+        self.faces = np.ascontiguousarray(faces, np.int32)
+        tree = dissect(vertices, self.faces, kept, without_kept=without_kept)
         if (tree.position < 0).any():
             raise SolveFailedError("the Laplacian is singular: a vertex is in no face")
-        weights = corner_weights(vertices, faces, mollification)
-        if not np.isfinite(weights).all():
+        self.weights = corner_weights(vertices, self.faces, mollification)
+        if not np.isfinite(self.weights).all():
             raise SolveFailedError("the Laplacian has entries that are not finite: a face has zero area")
-        self._factor, stack = np.empty(tree.factor_size), np.empty(max(1, tree.stack_size))
+        self.is_kept = keeps is None or keeps(8 * tree.factor_size)
+        self.factor = np.empty(tree.factor_size if self.is_kept else 0)
+        self.stack = np.empty(max(1, tree.stack_size))
+        self.first, self.starts, self.others, self.position = tree.first, tree.starts, tree.others, tree.position
         plan = tree.order, tree.depth, tree.children, tree.leaf, tree.first, tree.position, tree.starts, tree.others
-        size = _factor(faces, weights, *plan, self._factor, stack, np.empty(max(1, tree.widest**2)))
-        if size < 0:
+        count_in = int(tree.first[-1]) if without_kept else len(vertices)
+        front = np.empty(max(1, tree.widest**2))
+        if _factor(self.faces, self.weights, *plan, count_in, self.factor, self.stack, front) < 0:
             raise SolveFailedError(
                 f"the elimination of a Laplacian of {len(vertices)} vertices met a pivot that is not positive"
             )
+
+
+class NestedSolver:
+    """Discrete harmonic functions of a mesh, given at ``kept`` (n_K,): the second pass alone, without a Schur complement."""
+
+    def __init__(self, vertices: FloatArray, faces: IntArray, kept: IntArray, mollification: float = 0.0) -> None:
+        self._elimination = _Elimination(vertices, faces, kept, mollification, without_kept=True)
+        self._kept = np.array(kept)
+
+    def extend(self, boundary_values: ComplexArray) -> ComplexArray:
+        """Discrete harmonic extension; see DirichletFactor."""
+        e = self._elimination
+        values = np.ascontiguousarray(boundary_values, np.complex128).view(np.float64).reshape(-1, 2)
+        x = _load_of(e.faces, e.weights, e.position, values, int(e.first[-1]))
+        _forward(e.factor, e.first, e.starts, e.others, x)
+        _backward(e.factor, e.first, e.starts, e.others, x)
+        solved = np.concatenate([x.view(np.complex128)[:, 0], boundary_values])
+        out: ComplexArray = solved[e.position]
+        return out
+
+    def release(self) -> None:
+        """Free the factor's memory."""
+        self._elimination.factor = np.empty(0)
+
+
+class NestedFactor:
+    """The cotangent Laplacian of a mesh with all but the kept vertices eliminated; see DirichletFactor.
+
+    vertices (n, 3), faces (F, 3), kept (n_K,). keeps(bytes) is asked whether the factor is to be kept: without it there is
+    the Schur complement and no more. Raises SolveFailedError where rounding leaves no positive pivot, or where a vertex is in no
+    face.
+    """
+
+    def __init__(
+        self,
+        vertices: FloatArray,
+        faces: IntArray,
+        kept: IntArray,
+        mollification: float = 0.0,
+        keeps: Callable[[int], bool] | None = None,
+    ) -> None:
+        e = _Elimination(vertices, faces, kept, mollification, without_kept=False, keeps=keeps)
         count = len(kept)
-        self._first, self._starts, self._others = tree.first, tree.starts, tree.others
-        self._position, self._kept = tree.position, np.array(kept)
-        self.schur: FloatArray = _mirrored(stack[:size].reshape(count, count))
+        self.is_whole = e.is_kept
+        self._factor, self._first, self._starts, self._others = e.factor, e.first, e.starts, e.others
+        self._position, self._kept = e.position, np.array(kept)
+        self.schur: FloatArray = _mirrored(e.stack[: count * count].reshape(count, count))
         held = (self._factor, self.schur, self._first, self._starts, self._others, self._position)
         self.nbytes = sum(array.nbytes for array in held)
 

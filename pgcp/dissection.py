@@ -195,9 +195,16 @@ def _with_room(array: IntArray, used: int, more: int) -> IntArray:
 
 @numba.njit(cache=True, nogil=True)
 def _later_positions(
-    faces: IntArray, order: IntArray, depth: int, children: IntArray, leaf: IntArray, first: IntArray, position: IntArray
+    faces: IntArray,
+    order: IntArray,
+    depth: int,
+    children: IntArray,
+    leaf: IntArray,
+    first: IntArray,
+    position: IntArray,
+    count_in: int,
 ) -> tuple[IntArray, IntArray]:
-    """For every node the sorted positions from first[k + 1] on that its faces touch: starts (N + 1,) and the positions."""
+    """For every node the sorted positions from first[k + 1] to count_in that its faces touch: starts (N + 1,), positions."""
     n, count = faces.shape[0], children.shape[0]
     starts = np.zeros(count + 1, np.int64)
     others = np.empty(4 * position.shape[0] + 1024, np.int32)
@@ -211,7 +218,7 @@ def _later_positions(
             for p in range(low, high):
                 for i in range(3):
                     v = faces[order[p], i]
-                    if position[v] >= end and seen[v] != k:
+                    if end <= position[v] < count_in and seen[v] != k:
                         seen[v] = k
                         others[total] = position[v]
                         total += 1
@@ -251,13 +258,17 @@ def _sizes(children: IntArray, first: IntArray, starts: IntArray) -> tuple[int, 
     return factor, most, widest
 
 
-def dissect(vertices: FloatArray, faces: IntArray, kept: IntArray, leaf_faces: int = _LEAF_FACES) -> EliminationTree:
+def dissect(
+    vertices: FloatArray, faces: IntArray, kept: IntArray, leaf_faces: int = _LEAF_FACES, without_kept: bool = False
+) -> EliminationTree:
     """Plan the elimination of all vertices but ``kept`` (n_K,) of a mesh, vertices (n, 3), faces (F, 3).
 
-    Kept vertices come last, in the order given.
+    Kept vertices come last, in the order given; or are left out of all fronts, where only values at them will be given.
     """
     order, depth = halved_faces(vertices, faces, leaf_faces)
     number, children, leaf = _numbered(depth)
     first, position = _positions(faces, order, depth, number, len(vertices), np.asarray(kept, np.int64))
-    starts, others = _later_positions(faces, order, depth, children, leaf, first, position)
+    starts, others = _later_positions(
+        faces, order, depth, children, leaf, first, position, int(first[-1]) if without_kept else len(vertices)
+    )
     return EliminationTree(order, depth, children, leaf, first, position, starts, others, *_sizes(children, first, starts))

@@ -12,7 +12,7 @@ from pgcp.errors import InputError
 
 DEFAULT_PATCHES = 6
 _FEWEST_FACES = 100
-_MOST_VERTICES = 400_000  # of a patch: larger ones take longer per vertex, more of them longer seams
+_MOST_VERTICES = 200_000  # of a patch: larger ones take longer per vertex, more of them longer seams
 _FEWEST_VERTICES = 20_000
 _DRIVER = 300_000_000
 _DRIVER_PER_VERTEX = 260
@@ -40,7 +40,7 @@ def make_plan(
 ) -> Plan:
     """Choose what has not been chosen.
 
-    Six patches, fewer on a mesh of less than 600 faces, more where they would have more than 400,000 vertices, where there are
+    Six patches, fewer on a mesh of less than 600 faces, more where they would have more than 200,000 vertices, where there are
     more workers, or where memory is short: the working set of a pass is that of one patch a process. What memory is then left
     goes to factors that are kept for the second pass. Raises InputError where the limit is too low for the mesh.
     """

@@ -12,7 +12,7 @@ from pgcp.beltrami import (
     folded_faces,
     folded_faces_on_sphere,
 )
-from pgcp.dirichlet import DirichletFactor, eliminate_interior
+from pgcp.dirichlet import DirichletFactor, DirichletSolver, eliminate_interior
 from pgcp.errors import SolveFailedError
 from pgcp.mobius import rotation_to_north, to_plane, to_sphere
 from pgcp.operators import positive_laplacian
@@ -30,7 +30,7 @@ _WIDE = np.log(0.5)
 _SOUTH = np.array([0.0, 0.0, -1.0])
 
 
-def solve_patch(patch: Patch, boundary: Positions, factor: DirichletFactor, backend: str) -> PatchMap:
+def solve_patch(patch: Patch, boundary: Positions, factor: DirichletSolver, backend: str) -> PatchMap:
     """Extend boundary positions harmonically (PGCP eq. 4.22) and look for folds.
 
     boundary: complex (n_B,) in the plane, or unit vectors (n_B, 3). The Laplace equation is solved in the chart
@@ -127,7 +127,7 @@ class _SphereChart:
         return mu
 
 
-def _solved(patch: Patch, chart: Any, factor: DirichletFactor, given: Any) -> Any:
+def _solved(patch: Patch, chart: Any, factor: DirichletSolver, given: Any) -> Any:
     """Harmonic extension in a chart, about the place where the boundary is most crowded: there most digits are needed."""
     start = chart.boundary[int(np.argmin(np.abs(np.roll(chart.boundary, -1) - chart.boundary)))]
     points = chart.points(start + factor.extend(chart.boundary - start))

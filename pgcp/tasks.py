@@ -6,13 +6,14 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from pgcp.curves import crosses_itself
 from pgcp.demo import demo_mesh
-from pgcp.dirichlet import DirichletFactor, eliminate_mesh
+from pgcp.dirichlet import DirichletFactor, eliminate_mesh, harmonic_solver
 from pgcp.errors import WeldFailedError
 from pgcp.flatten import flatten_boundary
 from pgcp.interface import Merge, extend_inside, merge_operators, solve_inside
@@ -26,7 +27,7 @@ from pgcp.weld import relax_boundary, run_welds, start_component, subdivide, wel
 
 
 class FactorCache:
-    """Factors kept between the passes, least recently used dropped first, bounded in bytes. One per process."""
+    """Factors kept between the passes, bounded in bytes. One per process."""
 
     def __init__(self) -> None:
         self._held: OrderedDict[tuple[str, int], DirichletFactor] = OrderedDict()
@@ -38,18 +39,26 @@ class FactorCache:
         return sum(factor.nbytes for factor in self._held.values())
 
     def put(self, key: tuple[str, int], factor: DirichletFactor, limit_bytes: int) -> None:
-        """Keep a factor, dropping older ones as needed; one larger than the limit is not kept."""
+        """Keep a factor where there is room for it beside those of its run; those of other runs give way, oldest first."""
         with self._lock:
-            if factor.nbytes > limit_bytes:
-                factor.release()
-                return
             before = self._held.pop(key, None)
             if before is not None and before is not factor:
                 before.release()
+            if not getattr(factor, "is_whole", True) or factor.nbytes > self._room(key[0], limit_bytes):
+                factor.release()
+                return
             self._held[key] = factor
-            while self.nbytes > limit_bytes:
-                _, oldest = self._held.popitem(last=False)
-                oldest.release()
+            for other in [other for other in self._held if other[0] != key[0]]:
+                if self.nbytes > limit_bytes:
+                    self._held.pop(other).release()
+
+    def _room(self, run: str, limit_bytes: int) -> int:
+        return limit_bytes - sum(factor.nbytes for key, factor in self._held.items() if key[0] == run)
+
+    def has_room(self, run: str, limit_bytes: int, nbytes: int) -> bool:
+        """Whether a factor of so many bytes would be kept."""
+        with self._lock:
+            return nbytes <= self._room(run, limit_bytes)
 
     def take(self, key: tuple[str, int]) -> DirichletFactor | None:
         """Remove and return a factor, or None where it is not held."""
@@ -106,13 +115,24 @@ class SolveReport:
     first_fold_count: int
     raised_weights: int
     mu_max: float
-    reused_factor: bool
+    reused_factor: bool = False
 
 
-def factor_patch(patch: Patch, backend: str, kept: IntArray | None = None) -> DirichletFactor:
-    """Eliminate a patch's interior, or all but the local vertices ``kept``."""
+def factor_patch(
+    patch: Patch, backend: str, kept: IntArray | None = None, keeps: Callable[[int], bool] | None = None
+) -> DirichletFactor:
+    """Eliminate a patch's interior, or all but the local vertices ``kept``; the factor itself only where that is kept."""
     kept = patch.boundary if kept is None else kept
-    return eliminate_mesh(patch.vertices, patch.faces, kept, backend, patch.mollification)
+    return eliminate_mesh(patch.vertices, patch.faces, kept, backend, patch.mollification, keeps)
+
+
+def _never(_nbytes: int) -> bool:
+    return False
+
+
+def _keeps(job: Job) -> Callable[[int], bool]:
+    """Whether this process would keep a factor of so many bytes for the second pass."""
+    return partial(_FACTORS.has_room, job.run, job.factor_cache_bytes)
 
 
 def flatten_simply(patch: Patch, factor: DirichletFactor, method: str, backend: str) -> BoundaryCurve:
@@ -147,15 +167,20 @@ def flatten_simply(patch: Patch, factor: DirichletFactor, method: str, backend: 
 
 
 def flatten_task(job: Job, index: int) -> BoundaryCurve:
-    """First pass: flatten a stored patch, keep its factor here, store and send its boundary curve."""
+    """First pass: flatten a stored patch, store and send its boundary curve.
+
+    The factor is kept only where seams are solved as well: to solve anew for known boundary values takes little more time
+    than to write a factor to memory that was not in use before, and none of the memory.
+    """
     store = PatchStore(job.directory)
     patch = store.read_patch(index)
-    factor = factor_patch(patch, job.backend)
+    factor = factor_patch(patch, job.backend, keeps=_keeps(job) if job.stores_operators else _never)
     curve = flatten_simply(patch, factor, job.method, job.backend)
     if job.stores_operators:
         store.write_array("operator", index, factor.schur)
     store.write("curve", index, curve)
-    _FACTORS.put((job.run, index), factor, job.factor_cache_bytes)
+    if job.stores_operators:
+        _FACTORS.put((job.run, index), factor, job.factor_cache_bytes)
     return curve
 
 
@@ -172,21 +197,18 @@ def weld_task(job: Job, kind: str, index: int, closed: bool, pair: tuple[Compone
 
 
 def solve_task(job: Job, name: str, item: tuple[int, Positions]) -> SolveReport:
-    """Second pass: solve a stored patch with its welded boundary, from the factor kept here or made anew; store map and report.
+    """Second pass: solve a stored patch with its welded boundary; store map and report.
 
     The boundary is complex (n_B,) in the plane, or unit vectors (n_B, 3).
     """
     index, boundary = item
     store = PatchStore(job.directory)
     patch = store.read_patch(index)
-    factor = _FACTORS.take((job.run, index))
-    reused = factor is not None
-    if factor is None:
-        factor = factor_patch(patch, job.backend)
-    solved = solve_patch(patch, boundary, factor, job.backend)
-    factor.release()
+    solver = harmonic_solver(patch.vertices, patch.faces, patch.boundary, job.backend, patch.mollification)
+    solved = solve_patch(patch, boundary, solver, job.backend)
+    solver.release()
     store.write_map(solved, name)
-    report = SolveReport(index, solved.fold_count, solved.first_fold_count, solved.raised_weights, solved.mu_max, reused)
+    report = SolveReport(index, solved.fold_count, solved.first_fold_count, solved.raised_weights, solved.mu_max)
     store.write(f"solved{name}", index, report)
     return report
 
@@ -195,7 +217,7 @@ def eliminate_task(job: Job, item: tuple[int, IntArray]) -> None:
     """First pass with exact seams: eliminate all of a stored patch but some local vertices, and store their operator."""
     index, kept = item
     store = PatchStore(job.directory)
-    factor = factor_patch(store.read_patch(index), job.backend, kept)
+    factor = factor_patch(store.read_patch(index), job.backend, kept, _keeps(job))
     store.write_array("operator", index, factor.schur)
     _FACTORS.put((job.run, index), factor, job.factor_cache_bytes)
 

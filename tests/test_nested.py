@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from meshes import cap, grid, lifted, spheroid
 
-from pgcp.dirichlet import eliminate_mesh
-from pgcp.dirichlet_nested import NestedFactor
+from pgcp.dirichlet import eliminate_mesh, harmonic_solver
+from pgcp.dirichlet_nested import NestedFactor, NestedSolver
 from pgcp.dirichlet_superlu import SuperLUFactor
 from pgcp.dissection import dissect, halved_faces
 from pgcp.errors import SolveFailedError
@@ -106,3 +106,21 @@ def test_nothing_to_eliminate_and_nothing_to_keep():
     assert np.abs(factor.schur - cotangent_laplacian(mesh.vertices, mesh.faces).toarray()).max() < 1e-15
     with pytest.raises(SolveFailedError, match="in no face"):
         NestedFactor(np.vstack([mesh.vertices, [5.0, 5.0, 5.0]]), mesh.faces, np.arange(4))
+
+
+@pytest.mark.parametrize("case", range(3))
+def test_the_solver_of_the_second_pass_extends_as_the_factor_does(case):
+    mesh, kept = list(surfaces())[case]
+    rng = np.random.default_rng(case)
+    values = rng.standard_normal(len(kept)) + 1j * rng.standard_normal(len(kept))
+    factor = NestedFactor(mesh.vertices, mesh.faces, kept, 0.01)
+    solver = harmonic_solver(mesh.vertices, mesh.faces, kept, "nested", 0.01)
+    assert isinstance(solver, NestedSolver)
+    assert np.abs(solver.extend(values) - factor.extend(values)).max() < 1e-12
+    assert (solver.extend(values)[kept] == values).all()
+    bare = NestedFactor(mesh.vertices, mesh.faces, kept, 0.01, lambda nbytes: nbytes < 0)
+    assert not bare.is_whole
+    assert bare.schur.tobytes() == factor.schur.tobytes()
+    assert bare.nbytes < factor.nbytes
+    other = harmonic_solver(mesh.vertices, mesh.faces, kept, "superlu", 0.01)
+    assert np.abs(other.extend(values) - factor.extend(values)).max() < 1e-10

@@ -12,7 +12,7 @@ def test_patches_by_vertices_and_workers():
     assert make_plan(200, 338, 0).patches == 3
     assert make_plan(150_000, 300_000, 0).patches == 6
     assert make_plan(1_100_000, 2_200_000, 2).patches == 6
-    assert make_plan(10_000_000, 20_000_000, 2).patches == 25
+    assert make_plan(10_000_000, 20_000_000, 2).patches == 50
     assert make_plan(1_100_000, 2_200_000, 16).patches == 16
     assert make_plan(1_000, 2_000, 16).patches == 6  # not for a mesh on which more processes would be of no use
     assert make_plan(10_000_000, 20_000_000, 2, patches=8).patches == 8
