@@ -1,8 +1,6 @@
 """``python -m pgcp`` is ``pgcp-run``."""
 
-import sys
-
-from pgcp.cli import main
+from pgcp.cli import run
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run()

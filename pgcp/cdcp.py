@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
-from scipy.optimize import minimize
 from scipy.sparse import csr_array
 
 from pgcp.beltrami import folded_faces
@@ -185,6 +184,8 @@ def least_angle_shift(vertices: FloatArray, faces: IntArray, z: ComplexArray) ->
 
     simplex = np.array([[0.0, 0.0], [_SIMPLEX, 0.0], [0.0, _SIMPLEX]])
     options = {"initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-8}
+    from scipy.optimize import minimize
+
     return _in_disk(minimize(mean_error, np.zeros(2), method="Nelder-Mead", options=options).x)
 
 

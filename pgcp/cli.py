@@ -12,9 +12,9 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from pgcp.errors import InputError, NumericalError, PgcpError, StoppedError
 from pgcp.options import FLATTENERS, METHODS, MOEBIUS, REPAIRS, SEAMS, TARGETS, Options
@@ -412,3 +412,12 @@ def main(argv: Sequence[str] | None = None) -> int:
                 _say(json.dumps({"status": BUG, "error": type(problem).__name__, "message": str(problem)}))
             print(f"pgcp-run: a bug: {type(problem).__name__}: {problem} (--debug shows where)", file=sys.stderr)
             return BUG
+
+
+def run() -> NoReturn:
+    """Run the command and end the process: to take compiled code and libraries apart first would be a third of a small run."""
+    status = main()
+    with suppress(OSError):
+        sys.stdout.flush()
+        sys.stderr.flush()
+    os._exit(status)

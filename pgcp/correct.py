@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
 
 from pgcp.beltrami import folded_faces, folded_faces_on_sphere
 from pgcp.distortion import angle_errors, as_points, corner_angles, log_area_ratios
@@ -105,6 +104,8 @@ def _least_area(mesh: Mesh, positions: Positions, target: str, used: IntArray) -
 
 def _least_angle(mesh: Mesh, positions: Positions, target: str, used: IntArray) -> FloatArray:
     """Least mean |angle error| of a sample of faces: a scan of the ball, then Nelder-Mead (CDCP section 4.3)."""
+    from scipy.optimize import minimize
+
     rng = np.random.default_rng(0)
     count = len(mesh.faces)
     chosen = np.arange(count) if count <= _ANGLE_SAMPLE else rng.choice(count, _ANGLE_SAMPLE, False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from pgcp.types import FloatArray, Mesh
 
@@ -25,6 +24,8 @@ def demo_mesh(rings: int = 129) -> Mesh:
     s, angle = ring / rings, 2.0 * np.pi * t
     # profile of a bust: radius and height along s from the crown to the base
     knots = np.array([0.0, 0.12, 0.25, 0.38, 0.48, 0.56, 0.63, 0.70, 0.78, 0.88, 1.0])
+    from scipy.interpolate import PchipInterpolator
+
     radius = PchipInterpolator(knots, [0.0, 0.52, 0.83, 0.92, 0.84, 0.62, 0.46, 0.50, 0.95, 1.45, 1.60])(s)
     height = PchipInterpolator(knots, [2.60, 2.48, 2.12, 1.66, 1.25, 0.98, 0.75, 0.45, 0.22, 0.0, -0.55])(s)
     body = np.clip((s - 0.66) / 0.2, 0.0, 1.0)

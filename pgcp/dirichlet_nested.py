@@ -279,7 +279,7 @@ class NestedFactor:
     """The cotangent Laplacian of a mesh with all but the kept vertices eliminated; see DirichletFactor.
 
     vertices (n, 3), faces (F, 3), kept (n_K,). keeps(bytes) is asked whether the factor is to be kept: without it there is
-    the Schur complement and no more. Raises SolveFailedError where rounding leaves no positive pivot, or where a vertex is in no
+    the Schur complement and no more. Raises SolveFailedError where rounding leaves no positive pivot, or a vertex is in no
     face.
     """
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import minimize
 from scipy.special import logsumexp
 
 from pgcp.types import ComplexArray, FloatArray, IntArray
@@ -187,6 +186,8 @@ def _least_area(sample: AreaSample, growth: Callable[[FloatArray], tuple[FloatAr
         factor, slope = growth(b)
         value, gradient = sample.distortion(factor, slope)
         return value, gradient @ jacobian
+
+    from scipy.optimize import minimize
 
     found = minimize(objective, np.zeros(k), jac=True, method="BFGS", options={"gtol": 1e-7, "maxiter": 200})
     return _in_ball(found.x)[0]

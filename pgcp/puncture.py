@@ -14,7 +14,6 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
-from scipy.spatial import cKDTree
 
 from pgcp.distortion import corner_angles
 from pgcp.errors import SolveFailedError
@@ -154,6 +153,8 @@ def _rotation_from(points: FloatArray, region: BoolArray, ring: IntArray) -> Flo
 
     The pole is the mean of the region's points, weighted by a high power of their distance from the ring.
     """
+    from scipy.spatial import cKDTree
+
     distance = cKDTree(points[ring]).query(points[region])[0]
     pole = (distance / distance.max()) ** _FARTHEST @ points[region]
     return rotation_to_north(-pole / np.linalg.norm(pole))

@@ -8,7 +8,6 @@ The signed areas of the faces around a vertex are linear in its position x, so t
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linprog
 
 from pgcp.beltrami import find_folds
 from pgcp.mobius import rotation_to_north
@@ -51,6 +50,8 @@ def _better_place(x: complex, p: ComplexArray, q: ComplexArray, surface: FloatAr
     side = (q - p) * extent
     rows = np.column_stack([side.imag, -side.real, target])
     scale = np.abs(rows).max(axis=1)
+    from scipy.optimize import linprog
+
     solved = linprog(
         [0.0, 0.0, -1.0],
         A_ub=rows / scale[:, None],
