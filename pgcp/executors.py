@@ -13,15 +13,16 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from pgcp.errors import InputError, PgcpError, SolveFailedError, StoppedError
+from pgcp.errors import InputError, LostFileError, SolveFailedError, StoppedError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -29,6 +30,7 @@ Progress = Callable[[str, int, int], None]
 _ANSWER_S = "10s"
 _LOOK_S = 2.0
 _MOST_TRIES = 5
+_RESTART_S = 10.0
 
 
 class Join(NamedTuple):
@@ -188,10 +190,12 @@ def _script() -> Path | None:
 
 def _start_cluster(workers: int) -> Any:
     """Start worker processes, reached from this machine only; raises InputError where the main script does not let them."""
+    import dask
     from distributed import LocalCluster
 
+    silence = {"distributed.nanny.pre-spawn-environ.DASK_LOGGING__DISTRIBUTED": "critical"}  # silence_logs ends before a worker
     try:
-        with _interrupts_for_this_process_only():
+        with _interrupts_for_this_process_only(), dask.config.set(silence):
             return LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
@@ -216,6 +220,22 @@ def _run_located(function: Callable[[Any], Any], item: Any) -> tuple[str, Any]:
 
     with threadpool_limits(1):
         return get_worker().address, function(item)
+
+
+@contextmanager
+def _silenced() -> Iterator[None]:
+    """Have dask log nothing of workers and schedulers that come and go: errors say what matters."""
+    import distributed  # noqa: F401  # it sets levels of its own
+
+    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
 
 
 def _at_scheduler(scheduler: str | None, scheduler_file: Path | None, security: Security | None) -> Any:
@@ -255,7 +275,8 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
 
     A local cluster is started in the background: whatever is called first waits for it. ``warm`` is called in each worker
     before its first task. A task whose worker is lost is run again, as are all when the scheduler comes back after it was lost;
-    where there is no scheduler or no worker for ``patience_s`` seconds the run is stopped.
+    where there is no scheduler or no worker for ``patience_s`` seconds the run is stopped. A file that one task finds lost is
+    said when the others have finished.
     """
 
     patience_s = 30.0
@@ -280,18 +301,23 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         self._held: Any = None
         self._problem: BaseException | None = None
         self._starting: threading.Thread | None = None
+        self._reach: Callable[[], Any] | None = None
+        self._closing = ExitStack()
         if scheduler is None and scheduler_file is None:
             _check_that_workers_can_start()
             self._starting = threading.Thread(target=self._start, args=(workers,), daemon=True)
             self._starting.start()
         else:
-            self._held = _at_scheduler(scheduler, scheduler_file, security)
+            self._reach = partial(_at_scheduler, scheduler, scheduler_file, security)
+            self._held = self._reach()
+            self._closing.enter_context(_silenced())
             self._warm_up(self._held)
 
     def _start(self, workers: int) -> None:
         from distributed import Client
 
         try:
+            self._closing.enter_context(_silenced())
             self._cluster = _start_cluster(workers)
             self._held = Client(self._cluster)
             self._warm_up(self._held)
@@ -305,15 +331,19 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
                 key = f"pgcp-{self._run}-warm-{address}"
                 self._warming.append(client.submit(self._warm, key=key, workers=[address], pure=False))
 
-    @property
-    def _client(self) -> Any:
-        """The client, once the cluster is there."""
+    def _await_start(self) -> None:
+        """Wait for the thread that starts a cluster; it has imported all of dask then."""
         if self._starting is not None:
             self._starting.join()
             self._starting = None
         if self._problem is not None:
             problem, self._problem = self._problem, None
             raise problem
+
+    @property
+    def _client(self) -> Any:
+        """The client, once the cluster is there."""
+        self._await_start()
         return self._held
 
     def map(
@@ -359,11 +389,13 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         self._drive(stage, ready(), keep, done, done + len(joins))
         return values
 
-    def _submit(self, client: Any, stage: str, task: _Task) -> Any:
+    def _submit(self, stage: str, task: _Task) -> Any:
+        if self._client.status != "running":
+            self._await_cluster(stage, None)
         place = self._places.get(task.place)
         here = place is not None
         task.tries += 1
-        return client.submit(
+        return self._client.submit(
             _run_located,
             task.function,
             task.item,
@@ -377,71 +409,82 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         self, stage: str, tasks: list[_Task], then: Callable[[_Task, Any], list[_Task]], finished: int, total: int
     ) -> None:
         """Run tasks, and those that follow from their results, until none is left."""
-        from concurrent.futures import CancelledError
-
-        client = self._client  # the thread that starts a cluster has imported all of dask then
+        self._await_start()
+        from distributed import CancelledError
+        from distributed import TimeoutError as TooLateError
         from distributed.scheduler import KilledWorker
 
         self._calls += 1
         self._progress(stage, finished, total)
-        active = {self._submit(client, stage, task): task for task in tasks}
+        active: dict[Any, _Task] = {}
+        lost: LostFileError | None = None
         try:
+            for task in tasks:
+                active[self._submit(stage, task)] = task
             while active:
                 for future in self._next_done(stage, active):
                     task = active.pop(future)
                     try:
-                        self._places[task.place], result = future.result()
-                    except CancelledError as problem:
+                        self._places[task.place], result = future.result(timeout=self.patience_s)
+                    except LostFileError as problem:
+                        lost = problem
+                        continue
+                    except (CancelledError, TooLateError, OSError) as problem:
+                        if future.status == "error":  # the task's own
+                            raise
                         self._await_cluster(stage, problem)
                         if task.tries >= _MOST_TRIES:
                             raise StoppedError(f"stage {stage}: the scheduler was lost {task.tries} times") from problem
-                        active[self._submit(client, stage, task)] = task
+                        active[self._submit(stage, task)] = task
                         continue
                     finished += 1
                     self._progress(stage, finished, total)
-                    active |= {self._submit(client, stage, new): new for new in then(task, result)}
+                    for new in then(task, result):
+                        active[self._submit(stage, new)] = new
         except KilledWorker as problem:
             raise StoppedError(
                 f"stage {stage}: workers died again and again, most likely for lack of memory ({problem})"
             ) from problem
         except MemoryError as problem:
-            self._cancel(active)
             raise SolveFailedError(f"stage {stage} ran out of memory on a worker") from problem
         except RuntimeError as problem:
-            self._cancel(active)
             if "deserialization" in str(problem):
                 message = "the cluster cannot load this run's tasks: install pgcp, in one version, on its scheduler and workers"
                 raise InputError(message) from problem
             raise
-        except (PgcpError, OSError):
-            self._cancel(active)
-            raise
+        finally:
+            if active:
+                self._cancel(active)
+        if lost is not None:
+            raise lost
 
     def _cancel(self, futures: dict[Any, _Task]) -> None:
-        with suppress(Exception):
+        with suppress(Exception):  # there may be no scheduler that could
             self._client.cancel(list(futures), force=True)
 
     def _next_done(self, stage: str, futures: dict[Any, _Task]) -> list[Any]:
-        """Futures that are done, in the order of their names, once there is one."""
-        from distributed import wait
+        """Futures that are done or cancelled, in the order of their names, once there is one."""
+        from distributed import CancelledError, wait
+        from distributed import TimeoutError as TooLateError
 
         while True:
             try:
-                done = wait(list(futures), timeout=_LOOK_S, return_when="FIRST_COMPLETED").done
-            except TimeoutError:
+                wait(list(futures), timeout=_LOOK_S, return_when="FIRST_COMPLETED")
+            except TooLateError:
                 self._await_cluster(stage, None)
-                continue
-            except Exception as problem:  # a lost scheduler cancels what is waited for
-                if type(problem).__name__ not in ("CancelledError", "FutureCancelledError"):
-                    raise
-                done = {future for future in futures if future.status in ("cancelled", "lost")}
-            return sorted(done, key=lambda future: futures[future].name)
+            except CancelledError:  # a lost scheduler cancels what is waited for
+                pass
+            done = [future for future in futures if future.status in ("finished", "error", "cancelled")]
+            if done:
+                return sorted(done, key=lambda future: futures[future].name)
 
     def _await_cluster(self, stage: str, problem: BaseException | None) -> None:
         """Wait until there are a scheduler and workers; raises StoppedError where there are none for too long."""
         until = time.monotonic() + self.patience_s
         while True:
             with suppress(Exception):
+                if self._client.status == "closed" and self._reach is not None:  # it has given up before
+                    self._held = self._reach()
                 if self._client.status == "running" and self._workers():
                     return
             if time.monotonic() > until:
@@ -450,11 +493,14 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
             time.sleep(0.2)
 
     def _workers(self) -> list[str]:
+        """Addresses of the workers, or where the scheduler is lost, of those that have done something."""
+        if self._client.status != "running":
+            return list(set(self._places.values()))
         return list(self._client.scheduler_info(n_workers=-1)["workers"])
 
     def everywhere(self, function: Callable[[], None]) -> None:
         """See Executor: workers started here end with it."""
-        if self._cluster is None and self._starting is None:
+        if self._cluster is None and self._starting is None and self._client.status == "running":
             with suppress(Exception):  # a worker that is gone holds nothing
                 self._client.run(function, on_error="ignore")
 
@@ -469,7 +515,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
     def peak_bytes(self) -> int:
         """See Executor."""
         own = _peak_bytes()
-        if self._starting is not None:
+        if self._starting is not None or self._client.status != "running":
             return own
         with suppress(Exception):  # of workers that are gone nothing is known
             return max([own, *self._client.run(_peak_bytes, on_error="ignore").values()])
@@ -478,8 +524,12 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
     def __exit__(self, *_: object) -> None:
         if self._starting is not None:
             self._starting.join()
+        if self._cluster is not None:
+            with suppress(Exception):  # one that is closed while it is started again prints a traceback
+                self._cluster.wait_for_workers(len(self._cluster.worker_spec), timeout=_RESTART_S)
         if self._held is not None:
             with suppress(Exception):
                 self._held.close()
         if self._cluster is not None:
             self._cluster.close()
+        self._closing.close()

@@ -158,7 +158,7 @@ def run_directory(parent: Path | None, key: str, resume: bool = False) -> Iterat
     One of that name which nobody uses is what an earlier run of the same key left: with ``resume`` it is taken up, else
     emptied. Where another run uses it, the name gets an ending. Those of killed runs are removed after a week.
     """
-    parent = Path(tempfile.gettempdir()) if parent is None else parent
+    parent = (Path(tempfile.gettempdir()) if parent is None else parent).absolute()  # workers have folders of their own
     _remove_abandoned(parent)
     path, ending = parent / f"{_SCRATCH}{key}", 0
     while True:
@@ -176,7 +176,7 @@ def run_directory(parent: Path | None, key: str, resume: bool = False) -> Iterat
         yield directory
     finally:
         if not directory.keep:
-            shutil.rmtree(path, ignore_errors=True)
+            _remove(path)
         os.close(handle)
 
 
@@ -204,9 +204,17 @@ def _empty(path: Path) -> None:
             entry.unlink(missing_ok=True)
 
 
+def _remove(path: Path) -> None:
+    """Remove a directory that is claimed, the lock last: nobody claims it before it is empty."""
+    with contextlib.suppress(OSError):  # somebody claims it now
+        _empty(path)
+        (path / _LOCK).unlink()
+        path.rmdir()
+
+
 def _remove_abandoned(parent: Path) -> None:
     for directory in parent.glob(f"{_SCRATCH}*"):
         with contextlib.suppress(OSError), _abandoned(directory / _LOCK) as dead:
             state = directory.stat()
             if dead and state.st_uid == os.getuid() and time.time() - state.st_mtime > _RESUMABLE_S:
-                shutil.rmtree(directory, ignore_errors=True)
+                _remove(directory)

@@ -7,8 +7,11 @@ is resumed does not do it again.
 
 from __future__ import annotations
 
+import errno
+import io
 import zipfile
-import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, TypeVar
@@ -53,15 +56,26 @@ class PatchStore:
 
     def _arrays(self, kind: str, index: int, names: list[str]) -> list[np.ndarray]:
         path = self._path(kind, index)
+        with self._whole(path, kind, index), zipfile.ZipFile(path) as data:
+            # read whole, so that the checksum is looked at before the header of an array is believed
+            return [np.lib.format.read_array(io.BytesIO(data.read(f"{name}.npy"))) for name in names]
+
+    @contextmanager
+    def _whole(self, path: Path, kind: str, index: int) -> Iterator[None]:
+        """Say of a file that cannot be read inside that it is lost, and remove it where it is spoiled."""
         try:
-            with np.load(path) as data:
-                return [data[name] for name in names]
-        except OSError as problem:
-            what = "missing" if isinstance(problem, FileNotFoundError) else f"not readable: {problem.strerror}"
-            raise LostFileError(f"{path}: a file of the store is {what}", kind, index) from problem
-        except (ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as problem:
-            path.unlink(missing_ok=True)  # whoever resumes makes it again
-            raise LostFileError(f"{path}: a file of the store was spoiled: {problem}", kind, index) from problem
+            yield
+        except MemoryError:
+            raise
+        except Exception as problem:  # a spoiled file raises nearly anything
+            if isinstance(problem, FileNotFoundError):
+                what = "is missing"
+            elif isinstance(problem, OSError) and problem.errno not in (None, errno.EINVAL):
+                what = f"is not readable: {problem.strerror}"
+            else:
+                path.unlink(missing_ok=True)  # whoever resumes makes it again
+                what = f"was spoiled: {problem}"
+            raise LostFileError(f"{path}: a file of the store {what}", kind, index) from problem
 
     def drop(self, kind: str, index: int) -> None:
         """Remove a record."""
@@ -92,9 +106,15 @@ class PatchStore:
             np.save(stream, array)
 
     def read_array(self, kind: str, index: int) -> Any:
-        """Open an array where it lies, memory-mapped."""
-        array: np.ndarray = np.load(self._array_path(kind, index), mmap_mode="r")
+        """Open an array where it lies, memory-mapped; raises LostFileError where it is missing or cut off."""
+        path = self._array_path(kind, index)
+        with self._whole(path, kind, index):
+            array: np.ndarray = np.load(path, mmap_mode="r")
         return array
+
+    def has_array(self, kind: str, index: int) -> bool:
+        """Whether an array is there."""
+        return self._array_path(kind, index).exists()
 
     def drop_array(self, kind: str, index: int) -> None:
         """Remove an array that nobody needs any more."""

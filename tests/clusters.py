@@ -1,0 +1,290 @@
+"""Real processes to be disturbed: the command, a dask scheduler and dask workers, whose tasks log what they do and can be held.
+
+As a script this is the command itself, as a preload of dask workers it treats their tasks alike. All control is by files in
+the folder that the store lies in: ``log``; ``hold``, which starts of which stage wait; ``go``, which lets all of them go on.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import resource
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections import Counter
+from contextlib import suppress
+from pathlib import Path
+
+import psutil
+
+PATIENCE = "PATIENCE_S"
+PATCHES = 6
+_LONG_S = 120
+
+
+def wait_until(condition, what, seconds=_LONG_S):
+    """Return what a condition gives as soon as it is true."""
+    deadline = time.monotonic() + seconds
+    while not (found := condition()):
+        assert time.monotonic() < deadline, f"waited {seconds} s for {what}"
+        time.sleep(0.02)
+    return found
+
+
+# inside the processes
+
+
+def note(folder, *words):
+    """Append a line to the log, whole."""
+    handle = os.open(folder / "log", os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+    os.write(handle, (" ".join(map(str, words)) + "\n").encode())
+    os.close(handle)
+
+
+def _ticket(folder, stage):
+    """The how manieth start of a stage this is, over all processes."""
+    number = 0
+    while True:
+        try:
+            (folder / f"ticket-{stage}-{number}").touch(exist_ok=False)
+            return number
+        except FileExistsError:
+            number += 1
+
+
+def _wait_where_told(folder, stage):
+    if not (folder / "hold").exists():
+        return
+    number = _ticket(folder, stage)
+    for line in (folder / "hold").read_text().splitlines():
+        held, first, last, what = line.split()
+        if held != stage or not int(first) <= number < int(last):
+            continue
+        if what == "fill":
+            resource.setrlimit(resource.RLIMIT_FSIZE, (1024, resource.RLIM_INFINITY))
+        elif what == "die":
+            os.kill(os.getpid(), signal.SIGKILL)
+        else:
+            note(folder, "held", stage, number, os.getpid())
+            wait_until((folder / "go").exists, "go")
+
+
+def _watched(function, stage, index_of, directory_of):
+    @functools.wraps(function)
+    def watched(*arguments):
+        folder, index = directory_of(arguments[:2]).parents[2], index_of(*arguments)
+        _wait_where_told(folder, stage)
+        out = function(*arguments)
+        note(folder, "done", stage, index)
+        return out
+
+    return watched
+
+
+def watch():
+    """Have the tasks of this process, and what follows the second pass, log and wait; returns how to undo it."""
+    from pgcp import by_welds, tasks
+
+    before = []
+
+    def replace(modules, name, stage, index_of, directory_of):
+        function = _watched(getattr(by_welds, name), stage, index_of, directory_of)
+        for module in modules:
+            before.append((module, name, getattr(module, name)))
+            setattr(module, name, function)
+
+    job_first = lambda two: two[0].directory  # noqa: E731
+    both = (tasks, by_welds)
+    replace(both, "flatten_task", "flatten", lambda job, index: index, job_first)
+    replace(both, "weld_task", "weld", lambda job, kind, index, *_: index, job_first)
+    replace(both, "solve_task", "solve", lambda job, name, item: item[0], job_first)
+    replace((by_welds,), "gathered", "gather", lambda *_: 0, lambda two: two[1].job.directory)
+    return lambda: [setattr(*one) for one in before[::-1]]
+
+
+def dask_setup(_worker):
+    """Called in a dask worker that preloads this file."""
+    watch()
+
+
+def main():
+    """The command, with a log of what has arrived in its own process."""
+    from pgcp import cli, executors
+
+    def arrived(_bars, stage, done, total):
+        note(Path(), "at", stage, done, total)
+
+    cli._Bars.__call__ = arrived
+    executors.DaskExecutor.patience_s = float(os.environ.get(PATIENCE, executors.DaskExecutor.patience_s))
+    return cli.main(sys.argv[1:])
+
+
+if __name__ in ("__main__", "__mp_main__"):  # the latter in worker processes of a local cluster
+    watch()
+if __name__ == "__main__":
+    sys.exit(main())
+
+
+# outside
+
+
+class Processes:
+    """Processes that are ended with all they have started, whatever happens."""
+
+    def __init__(self):
+        self._all = []
+
+    def start(self, command, **options):
+        """Start one in a process group of its own, to which Ctrl-C can be sent; it does not ignore it."""
+        default = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)  # noqa: E731
+        self._all.append(subprocess.Popen(command, start_new_session=True, preexec_fn=default, **options))  # noqa: PLW1509
+        return self._all[-1]
+
+    def end(self):
+        """Kill what is left."""
+        for process in self._all:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+            for stream in (process.stdout, process.stderr):
+                if stream is not None:
+                    stream.close()
+
+
+def kill(pid):
+    """Kill a process and wait until it is gone, with all its threads, or only its parent knows of it."""
+    process = psutil.Process(pid)
+
+    def gone():
+        with suppress(psutil.NoSuchProcess, FileNotFoundError):
+            return process.status() == psutil.STATUS_ZOMBIE and len(os.listdir(f"/proc/{pid}/task")) < 2
+        return True
+
+    process.kill()
+    wait_until(gone, f"the end of {pid}")
+
+
+class Place:
+    """A folder with a mesh, a store and results, and the command run in it."""
+
+    def __init__(self, folder, mesh, processes):
+        self.folder, self.store, self._processes = folder, folder / "store", processes
+        self.store.mkdir(exist_ok=True)
+        (folder / "hills.obj").write_bytes(mesh)
+
+    def hold(self, stage, first=0, last=1, what="wait"):
+        """Have some starts of a stage wait, fill the disk or die."""
+        with (self.folder / "hold").open("a") as stream:
+            stream.write(f"{stage} {first} {last} {what}\n")
+
+    def go(self):
+        """Let all go on, now and later."""
+        (self.folder / "go").touch()
+
+    def lines(self, *words):
+        """Lines of the log that begin so, as words."""
+        path = self.folder / "log"
+        rows = [line.split() for line in path.read_text().splitlines()] if path.exists() else []
+        return [row for row in rows if row[: len(words)] == [str(word) for word in words]]
+
+    def wait_for(self, process, *words):
+        """Wait for a line of the log that begins so; its last word."""
+
+        def looked():
+            found = self.lines(*words)
+            assert found or process.poll() is None, f"ended without {words}: {process.communicate()}"
+            return found
+
+        return wait_until(looked, " ".join(map(str, words)))[0][-1]
+
+    def held(self, process, stage, number=0):
+        """Wait until a start of a stage is held; the id of its process."""
+        return int(self.wait_for(process, "held", stage, number))
+
+    def done(self):
+        """How often what was done, stage by stage."""
+        return Counter((stage, int(index)) for _, stage, index in self.lines("done") if stage != "gather")
+
+    def forget(self):
+        """Begin a new log, without holds."""
+        for path in (self.folder / "log", self.folder / "hold", self.folder / "go", *self.folder.glob("ticket-*")):
+            path.unlink(missing_ok=True)
+
+    def start(self, *arguments, patience=None):
+        """Start the command."""
+        usual = ("hills.obj", "--patches", str(PATCHES), "--store", "store", "--no-obj", "--no-ply", "--no-png")
+        environment = {**os.environ, "PYTHONWARNINGS": ""}
+        if patience is not None:
+            environment[PATIENCE] = str(patience)
+        command = [sys.executable, __file__, *usual, *arguments]
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        return self._processes.start(command, cwd=self.folder, env=environment, **pipes)
+
+    def finish(self, *arguments):
+        """Run the command to its end: exit status and standard error."""
+        return self.end_of(self.start(*arguments))
+
+    @staticmethod
+    def end_of(process):
+        """Exit status and standard error."""
+        _, err = process.communicate(timeout=_LONG_S)
+        return process.returncode, err
+
+    def runs(self):
+        """Directories of runs in the store."""
+        return sorted(path for path in self.store.iterdir() if path.is_dir() and path.name.startswith("pgcp-"))
+
+    def records(self, kind):
+        """Numbers of the records of a kind that are in the store."""
+        return sorted(int(path.stem.split("-")[-1]) for path in self.store.rglob(f"{kind}-*.npz"))
+
+    def record(self, kind, index):
+        """The file of a record."""
+        (path,) = self.store.rglob(f"{kind}-*{index:05d}.npz")
+        return path
+
+    def result(self):
+        """What the command has written."""
+        return (self.folder / "hills_pgcp" / "hills.npz").read_bytes()
+
+
+class Cluster:
+    """A scheduler and workers, started as a user would start them on several machines, all on this one."""
+
+    def __init__(self, folder, processes, protocol="tcp", tls=()):
+        with socket.socket() as s:
+            s.bind(("127.0.0.1", 0))
+            self.port = s.getsockname()[1]
+        self.address = f"{protocol}://127.0.0.1:{self.port}"
+        self._folder, self._processes, self._tls, self._protocol = folder, processes, tls, protocol
+        self.scheduler = None
+        self.workers = []
+
+    def _start(self, what, *arguments):
+        dask = str(Path(sys.executable).with_name("dask"))
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        command = [dask, what, *arguments, *self._tls, "--no-dashboard"]
+        return self._processes.start(command, cwd=self._folder, env={**os.environ, "PYTHONWARNINGS": ""}, **quiet)
+
+    def start_scheduler(self):
+        """Start the scheduler, on the same port every time."""
+        self.scheduler = self._start("scheduler", "--protocol", self._protocol, "--host", "127.0.0.1", "--port", str(self.port))
+
+    def have_workers(self, count, security=None):
+        """Start workers until there are so many, and wait until all are there and no others."""
+        from distributed import Client
+
+        def as_many():
+            self.workers = [worker for worker in self.workers if worker.poll() is None]
+            while len(self.workers) < count:
+                where = ("--local-directory", str(self._folder), "--host", "127.0.0.1")
+                which = ("--nthreads", "1", "--no-nanny", "--preload", __file__)
+                self.workers.append(self._start("worker", self.address, *where, *which))
+            there = client.run(os.getpid, on_error="ignore")
+            return set(there.values()) == {worker.pid for worker in self.workers}
+
+        with Client(self.address, timeout="60s", security=security) as client:
+            wait_until(as_many, f"{count} workers")
