@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 import trimesh
@@ -110,6 +112,39 @@ def test_what_is_written_reads_back_with_its_texture_coordinates(suffix, mesh, t
 
         vertex = PlyData.read(str(path))["vertex"]
         assert np.abs(np.column_stack([vertex["s"], vertex["t"]]) - uv).max() < 1e-6
+
+
+def test_text_has_nine_digits_of_every_coordinate(tmp_path):
+    rng = np.random.default_rng(7)
+    points = grid(30).vertices * 10.0 ** rng.integers(-13, 7, (961, 3)) * rng.choice([-1.0, 1.0], (961, 3))
+    points += rng.normal(size=(961, 3)) * np.abs(points)
+    points[:4] = [[0.0, -0.0, 1.0], [123456789.0, 0.1, 1e-20], [1e300, -5e-324, 2.0**40], [0.9999999994, 1e22, 0.5]]
+    path = tmp_path / "out.obj"
+    write_mesh(path, Mesh(points, grid(30).faces))
+    lines = [line.split()[1:] for line in path.read_text().splitlines() if line.startswith("v ")]
+    assert len(lines) == 961
+    for words, row in zip(lines, points.tolist(), strict=True):
+        for word, value in zip(words, row, strict=True):
+            usual = value == 0.0 or not 1e-14 < abs(value) < 1e9
+            assert float(word) == (value if usual else float(f"{value:.9g}"))
+            assert usual or len(word.partition("e")[0].replace(".", "").strip("-0")) <= 9
+
+
+def test_large_meshes_are_written_in_pieces(tmp_path):
+    mesh = lifted(grid(360))
+    uv = mesh.vertices[:, :2].copy()
+    assert len(mesh.vertices) > 100_000
+    for suffix in (".ply", ".obj"):
+        write_mesh(tmp_path / f"warm{suffix}", grid(2), grid(2).vertices[:, :2])
+        path = tmp_path / f"out{suffix}"
+        tracemalloc.start()
+        write_mesh(path, mesh, uv)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak < 0.75 * path.stat().st_size
+        read = read_mesh(path)
+        assert np.array_equal(read.faces, mesh.faces)
+        assert np.abs(read.vertices - mesh.vertices).max() < 1e-8
 
 
 CLOUD = b"""ply

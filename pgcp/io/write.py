@@ -9,50 +9,72 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+import orjson
 
 from pgcp.errors import BadFileError
 from pgcp.files import replacing, replacing_together
 from pgcp.types import FloatArray, IntArray, Mesh, Parameterization
 
-_CHUNK = 100_000
+_CHUNK = 50_000
+_TENS = 10.0 ** np.arange(23)  # exact, all of them
 
 
-def _write_rows(stream: IO[bytes], form: str, rows: np.ndarray) -> None:
-    for start in range(0, len(rows), _CHUNK):
-        chunk = rows[start : start + _CHUNK]
-        stream.write(((form * len(chunk)) % tuple(chunk.reshape(-1).tolist())).encode())
+def _nine_digits(values: FloatArray) -> FloatArray:
+    """Values (n, d) rounded to nine digits, those between 1e-14 and 1e9: a whole number over an exact power of ten each."""
+    with np.errstate(divide="ignore"):
+        places = 8.0 - np.floor(np.log10(np.abs(values)))
+    near = (places >= 0.0) & (places < len(_TENS))
+    tens = _TENS[np.where(near, places, 0.0).astype(np.int8)]
+    return np.where(near, np.rint(values * tens) / tens, values)
+
+
+def _lines(head: bytes, rows: np.ndarray, between: bytes = b" ") -> bytes:
+    """Rows (n, d) as lines of text, their numbers parted by the letters of ``between`` in turn."""
+    head += b" "
+    text = orjson.dumps(rows, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2].replace(b"],[", b"\n" + head)
+    letters = np.frombuffer(bytearray(text), np.uint8)
+    commas = np.flatnonzero(letters == ord(","))
+    for k, letter in enumerate(between):
+        letters[commas[k :: len(between)]] = letter
+    return head + letters.tobytes() + b"\n"
 
 
 def _write_obj(stream: IO[bytes], mesh: Mesh, uv: FloatArray | None) -> None:
-    _write_rows(stream, "v %.9g %.9g %.9g\n", mesh.vertices)
-    numbers = mesh.faces.astype(np.int64) + 1
-    if uv is None:
-        _write_rows(stream, "f %d %d %d\n", numbers)
-    else:
-        _write_rows(stream, "vt %.9g %.9g\n", uv)
-        _write_rows(stream, "f %d/%d %d/%d %d/%d\n", np.repeat(numbers, 2, axis=1))
+    for head, points in [(b"v", mesh.vertices)] + ([] if uv is None else [(b"vt", uv)]):
+        for start in range(0, len(points), _CHUNK):
+            stream.write(_lines(head, _nine_digits(points[start : start + _CHUNK])))
+    times, between = (1, b" ") if uv is None else (2, b"/ / /")
+    for start in range(0, len(mesh.faces), _CHUNK):
+        numbers = mesh.faces[start : start + _CHUNK] + 1
+        stream.write(_lines(b"f", np.repeat(numbers, times, axis=1), between))
+
+
+def _ply_header(vertices: int, faces: int, fields: list[tuple[str, str]]) -> bytes:
+    types = {"<f8": "double", "<f4": "float"}
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {vertices}"]
+    header += [f"property {types[kind]} {name}" for name, kind in fields]
+    header += [f"element face {faces}", "property list uchar int vertex_indices", "end_header", ""]
+    return "\n".join(header).encode()
 
 
 def _write_ply(stream: IO[bytes], mesh: Mesh, uv: FloatArray | None) -> None:
-    fields: list[tuple[str, str]] = [("x", "<f8"), ("y", "<f8"), ("z", "<f8")]
     names = () if uv is None else ("s", "t") if uv.shape[1] == 2 else ("sx", "sy", "sz")
-    kind = "<f8" if len(names) == 3 else "<f4"
-    fields += [(name, kind) for name in names]
-    vertex = np.empty(len(mesh.vertices), fields)
-    for axis, name in enumerate("xyz"):
-        vertex[name] = mesh.vertices[:, axis]
-    if uv is not None:
-        for axis, name in enumerate(names):
-            vertex[name] = uv[:, axis]
-    face = np.empty(len(mesh.faces), [("n", "u1"), ("v", "<i4", (3,))])
-    face["n"], face["v"] = 3, mesh.faces
-    types = {"<f8": "double", "<f4": "float"}
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertex)}"]
-    header += [f"property {types[kind]} {name}" for name, kind in fields]
-    header += [f"element face {len(face)}", "property list uchar int vertex_indices", "end_header", ""]
-    stream.write("\n".join(header).encode())
-    stream.write(vertex.tobytes())
-    stream.write(face.tobytes())
+    fields = [(name, "<f8") for name in "xyz"] + [(name, "<f8" if len(names) == 3 else "<f4") for name in names]
+    stream.write(_ply_header(len(mesh.vertices), len(mesh.faces), fields))
+    for start in range(0, len(mesh.vertices), _CHUNK):
+        rows = slice(start, start + _CHUNK)
+        vertex = np.empty(len(mesh.vertices[rows]), fields)
+        for axis, name in enumerate("xyz"):
+            vertex[name] = mesh.vertices[rows, axis]
+        if uv is not None:
+            for axis, name in enumerate(names):
+                vertex[name] = uv[rows, axis]
+        stream.write(vertex.view(np.uint8).data)
+    for start in range(0, len(mesh.faces), _CHUNK):
+        corners = mesh.faces[start : start + _CHUNK]
+        face = np.empty(len(corners), [("n", "u1"), ("v", "<i4", (3,))])
+        face["n"], face["v"] = 3, corners
+        stream.write(face.view(np.uint8).data)
 
 
 def write_mesh(path: str | Path, mesh: Mesh, uv: FloatArray | None = None) -> None:

@@ -1,179 +1,192 @@
-"""One picture of a finished map: the surface with a checkerboard, the map, the histogram of angle errors."""
+"""One picture of a finished map: the surface with a checkerboard, the map, the histogram of angle errors.
+
+Panels are drawn in two threads at a time, twice as large as they will be, and put side by side.
+"""
 
 from __future__ import annotations
 
+import colorsys
 import io
+import math
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import numpy as np
+from PIL import Image, ImageDraw
 
-from pgcp.distortion import angle_errors, as_points
+from pgcp.distortion import angle_errors
 from pgcp.operators import face_areas
-from pgcp.report.raster import rasterise
-from pgcp.types import FloatArray, IntArray, Parameterization
+from pgcp.report.chart import BLUE, INK, RED, Chart, centred, linear_axis, log_axis
+from pgcp.report.raster import PIXELS, Paint, View, rasterise, view
+from pgcp.report.shade import by_normals, checkered, vertex_shapes
+from pgcp.types import FloatArray, IntArray, Mesh, Parameterization
 
 _CHECKS = 48
+_BINS = 80
+_SAMPLE, _VIEW_SAMPLE = 250_000, 50_000
+_WIDTH, _HEIGHT, _TITLE = 1100, 1068, 76  # of a panel with its caption, and of the title above
+_CAPTION, _TOP = 18, 1068 - PIXELS - 20
+_ROOM = 40, 52, _WIDTH - 40, _HEIGHT - 20
+_TINY = 1e-300
+
+
+def _sample(faces: IntArray, most: int) -> tuple[IntArray, int]:
+    """An even sample of at most so many faces, and the step from one to the next: odd, as faces often come in pairs."""
+    step = -(-len(faces) // most) | 1
+    return faces[::step], step
+
+
+def _corners(points: FloatArray, faces: IntArray) -> FloatArray:
+    """The corners of faces, one after another (3 F, 2 or 3), in units of their extent."""
+    corners = points[faces.reshape(-1)]
+    corners /= max(float(np.ptp(corners, axis=0).max()), _TINY)
+    return corners
 
 
 def _view_rotation(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Rotation (3, 3) to the flattest view, from the side most faces look to, z (or y) upright.
 
-    Rows: to the right, up, towards the eye.
+    Rows: to the right, up, towards the eye. Where as many look either way, as on closed surfaces, from the positive side.
     """
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    normal = np.cross(b - a, c - a).sum(axis=0)
-    sample = vertices[faces[:: max(1, len(faces) // 50_000), 0]]
-    sample = sample - sample.mean(axis=0)
-    _, axes = np.linalg.eigh(sample.T @ sample)
-    towards = axes[:, 0] if normal @ axes[:, 0] >= 0 else -axes[:, 0]
+    sample, _ = _sample(faces, _VIEW_SAMPLE)
+    a, b, c = _corners(vertices, sample).reshape(-1, 3, 3).swapaxes(0, 1)
+    normals = np.cross(b - a, c - a)
+    spread = a - a.mean(axis=0)
+    _, axes = np.linalg.eigh(spread.T @ spread)
+    towards = axes[:, 0] * np.sign(axes[np.abs(axes[:, 0]).argmax(), 0])
+    facing = normals @ towards
+    if facing.sum() < -0.03 * np.abs(facing).sum():
+        towards = -towards
     up = np.array([0.0, 0.0, 1.0]) if abs(towards[2]) < 0.7 else np.array([0.0, 1.0, 0.0])
     up = up - towards * (towards @ up)
     up = up / np.linalg.norm(up)
     return np.array([np.cross(up, towards), up, towards])
 
 
-def _checker(values: FloatArray) -> FloatArray:
-    """Colours (n, 3) from u, v, brightness and log2 of the local scale (n, 4); squares double where the scale does."""
-    size = np.exp2(np.floor(values[:, 3]))
-    dark = (np.floor(values[:, 0] / size) + np.floor(values[:, 1] / size)) % 2 == 0
-    base = np.where(dark[:, None], np.array([0.16, 0.32, 0.55]), np.array([0.98, 0.93, 0.82]))
-    return np.clip(base * values[:, 2:3], 0.0, 1.0)
+def _panel(caption: str) -> Image.Image:
+    panel = Image.new("RGB", (_WIDTH, _HEIGHT), "white")
+    centred(ImageDraw.Draw(panel), (_WIDTH / 2, _CAPTION), caption, 28, _WIDTH - 40)
+    return panel
 
 
-def _normals(points: FloatArray, faces: IntArray) -> FloatArray:
-    """Unit normals (V, 3) of the vertices; 0 where there is none."""
-    a, b, c = (points[faces[:, i]] for i in range(3))
-    normals = np.cross(b - a, c - a)
-    smooth = np.column_stack([np.bincount(faces.reshape(-1), np.repeat(normals[:, k], 3), len(points)) for k in range(3)])
-    length = np.linalg.norm(smooth, axis=1)
-    length[length == 0] = 1.0
-    return smooth / length[:, None]
+def _drawn(caption: str, seen_from: View, paint: Paint) -> Image.Image:
+    panel = _panel(caption)
+    panel.paste(Image.fromarray(rasterise(seen_from, paint)), ((_WIDTH - PIXELS) // 2, _TOP))
+    return panel
 
 
-def _vertex_scale(result: Parameterization) -> FloatArray:
-    """Length scale of the map at every vertex (V,), from the areas of the faces around it."""
-    mesh = result.mesh
-    ids = mesh.faces.reshape(-1)
-    surface, image = (
-        np.bincount(ids, np.repeat(face_areas(points, mesh.faces), 3), len(mesh.vertices))
-        for points in (mesh.vertices, as_points(result.coordinates))
-    )
-    return np.sqrt(np.maximum(image, 1e-300) / np.maximum(surface, 1e-300))
+def _surface(result: Parameterization, surface: View, log_size: float, shapes: np.ndarray) -> Image.Image:
+    """The surface with a checkerboard of the map."""
+    light = np.array([0.3, 0.4, 0.87]) @ surface.rotation
 
-
-def _mercator(values: FloatArray) -> FloatArray:
-    """Columns x, y, z, brightness, log2 scale (n, 5) to those of ``_checker``, by the conformal Mercator map.
-
-    Longitude and log of the stereographic radius, in turns, so that squares of 1/2, 1/4, ... of a turn fit around.
-    """
-    x, y, z = values[:, 0], values[:, 1], values[:, 2]
-    across = np.maximum(np.hypot(x, y), 1e-300)
-    turns = np.arctan2(y, x) / (2.0 * np.pi)
-    height = np.arcsinh(z / across) / (2.0 * np.pi)
-    log_scale = values[:, 4] - np.log2(across * 2.0 * np.pi)
-    return np.column_stack([turns, height, values[:, 3], np.minimum(log_scale, -1.0)])
-
-
-def _draw_surface(axes: Any, result: Parameterization) -> None:
-    mesh = result.mesh
-    rotation = _view_rotation(mesh.vertices, mesh.faces)
-    points = mesh.vertices @ rotation.T
-    extent = np.linalg.norm(np.ptp(points[mesh.faces.reshape(-1)], axis=0)[:2])
-    log_scale = np.log2(_vertex_scale(result) * extent / _CHECKS)
-    brightness = 0.45 + 0.6 * np.abs(_normals(points, mesh.faces) @ [0.3, 0.4, 0.87])
-    values = np.column_stack([result.coordinates, brightness, log_scale])
-    to_checks = _mercator if result.target == "sphere" else np.asarray
-
-    def paint(face_ids: IntArray, weights: FloatArray) -> FloatArray:
+    def paint(face_ids: IntArray, weights: FloatArray) -> np.ndarray:
         """Checkerboard of the map."""
-        return _checker(to_checks(np.einsum("mk,mkd->md", weights, values[mesh.faces[face_ids]])))
+        return checkered(face_ids, weights, surface.faces, result.coordinates, shapes, light, log_size)
 
-    axes.imshow(rasterise(points, mesh.faces, paint), interpolation="antialiased")
-    axes.set_axis_off()
-    axes.set_title("the surface, with a checkerboard of the map (squares double with the scale)", fontsize=8)
+    return _drawn("the surface, with a checkerboard of the map (squares double with the scale)", surface, paint)
 
 
-def _draw_map(axes: Any, result: Parameterization) -> None:
-    from matplotlib.colors import hsv_to_rgb
-
-    mesh, uv = result.mesh, result.coordinates
+def _map(result: Parameterization, plane: View) -> Image.Image:
+    """The map, every patch with its colour."""
     count = int(result.patch.max()) + 1
     rng = np.random.default_rng(1)
-    hues = np.column_stack([rng.permutation(count) / count, np.full(count, 0.45), 0.75 + 0.25 * rng.random(count)])
-    palette = hsv_to_rgb(hues)
+    hues, values = rng.permutation(count) / count, 0.75 + 0.25 * rng.random(count)
+    colours = [colorsys.hsv_to_rgb(hue, 0.45, value) for hue, value in zip(hues.tolist(), values.tolist(), strict=True)]
+    palette = np.array(colours, np.float32)
 
-    def paint(face_ids: IntArray, _weights: FloatArray) -> FloatArray:
+    def paint(face_ids: IntArray, _weights: FloatArray) -> np.ndarray:
         """Colour of the patch."""
         return palette[result.patch[face_ids]]
 
-    axes.imshow(rasterise(as_points(uv), mesh.faces, paint), interpolation="antialiased")
-    axes.set_axis_off()
-    width, height = np.ptp(uv, axis=0)
-    axes.set_title(f"the map, {count} patch{'es' if count > 1 else ''}, {width:.4g} x {height:.4g}", fontsize=9)
+    width, height = plane.extent
+    return _drawn(f"the map, {count} patch{'es' if count > 1 else ''}, {width:.4g} x {height:.4g}", plane, paint)
 
 
-def _draw_sphere(front: Any, back: Any, result: Parameterization) -> None:
-    """The sphere from the side the surface is shown from, and from behind, the surface's normals as colours."""
-    mesh = result.mesh
-    rotation = _view_rotation(mesh.vertices, mesh.faces)
-    colours = np.clip(0.5 + 0.5 * _normals(mesh.vertices @ rotation.T, mesh.faces), 0.0, 1.0)
+def _sphere(result: Parameterization, surface: View, side: str, shapes: np.ndarray) -> Image.Image:
+    """The sphere from the side the surface is shown from, or from behind, the surface's normals as colours."""
+    turn = np.diag([1.0, 1.0, 1.0] if side == "front" else [-1.0, 1.0, -1.0])
+    seen_from = view(result.coordinates, surface.faces, turn @ surface.rotation)
 
-    def paint(face_ids: IntArray, weights: FloatArray) -> FloatArray:
+    def paint(face_ids: IntArray, weights: FloatArray) -> np.ndarray:
         """Normal of the surface."""
-        return np.einsum("mk,mkd->md", weights, colours[mesh.faces[face_ids]])
+        return by_normals(face_ids, weights, surface.faces, shapes, surface.rotation)
 
-    for axes, sides, title in ((front, [1, 1, 1], "front"), (back, [-1, 1, -1], "back")):
-        axes.imshow(rasterise(result.coordinates @ rotation.T * sides, mesh.faces, paint), interpolation="antialiased")
-        axes.set_axis_off()
-        axes.set_title(f"the sphere, {title}: colours are the surface's normals", fontsize=8)
+    return _drawn(f"the sphere, {side}: colours are the surface's normals", seen_from, paint)
 
 
-def _draw_histogram(axes: Any, result: Parameterization) -> None:
-    errors = angle_errors(result.mesh, result.coordinates).reshape(-1)
-    quality = result.quality
-    limit = max(float(np.quantile(errors, 0.995)), 1e-12)
-    axes.hist(errors, bins=80, range=(0.0, limit), color="#29528c")
-    axes.axvline(quality.angle_mean_deg, color="#b5442c", linewidth=1)
-    axes.set_xlabel("|angle error| (degrees)", fontsize=8)
-    axes.set_ylabel("corners", fontsize=8)
-    axes.tick_params(labelsize=7)
-    text = f"mean {quality.angle_mean_deg:.3f}, sd {quality.angle_sd_deg:.3f}, 99 % {quality.angle_p99_deg:.2f}"
-    axes.set_title(f"{text}; folds {quality.folds}", fontsize=9)
+def _histogram(result: Parameterization) -> Image.Image:
+    """Angle errors of an even sample of the faces, of those that have an area."""
+    quality, (faces, step) = result.quality, _sample(result.mesh.faces, _SAMPLE)
+    surface, image = (_corners(points, faces) for points in (result.mesh.vertices, result.coordinates))
+    mesh = Mesh(surface, np.arange(faces.size, dtype=np.int32).reshape(-1, 3))
+    errors = angle_errors(mesh, image)[face_areas(surface, mesh.faces) > 0.0].reshape(-1)
+    limit = max(float(np.quantile(errors, 0.995)), 1e-12) if len(errors) else 1.0
+    bins = (errors[errors <= limit] * (_BINS / limit)).astype(np.int32)
+    counts = np.bincount(np.minimum(bins, _BINS - 1), minlength=_BINS)
+    mean = quality.angle_mean_deg
+    text = f"mean {mean:.3f}, sd {quality.angle_sd_deg:.3f}, 99 % {quality.angle_p99_deg:.2f}"
+    panel = _panel(f"{text}; folds {quality.folds}")
+    below, left = linear_axis(0.0, limit), linear_axis(0.0, float(counts.max()), (0.0, 0.05))
+    chart = Chart(panel, _ROOM, below, left)
+    chart.write("|angle error| (degrees)", "corners" if step == 1 else f"corners, of one face in {step}")
+    for k in np.flatnonzero(counts).tolist():
+        chart.bar(k * limit / _BINS, (k + 1) * limit / _BINS, float(counts[k]), BLUE)
+    if mean < below.high:
+        chart.line([(mean, left.low), (mean, left.high)], RED)
+    chart.frame()
+    return panel
 
 
-def _draw_descent(axes: Any, iterations: list[dict[str, Any]]) -> None:
+def _descent(iterations: list[dict[str, Any]]) -> Image.Image:
     """Conformal energy, and the norm of its gradient, by iteration."""
-    energies = [step["energy"] for step in iterations]
-    axes.plot(energies, color="#29528c", marker=".", label="conformal energy")
-    axes.set_xlabel("iteration", fontsize=8)
-    axes.tick_params(labelsize=7)
-    other = axes.twinx()
-    other.semilogy([max(step["gradient_norm"], 1e-300) for step in iterations], color="#b5442c", linewidth=1)
-    other.tick_params(labelsize=7)
-    axes.set_title(f"conformal energy (blue) {energies[-1]:.6g}, gradient's norm (red)", fontsize=9)
+    energies = [float(step["energy"]) for step in iterations]
+    norms = [float(step["gradient_norm"]) for step in iterations]
+    least = min((norm for norm in norms if norm > _TINY), default=1.0)
+    norms = [max(norm, least) for norm in norms]
+    panel = _panel(f"conformal energy (blue) {energies[-1]:.6g}, gradient's norm (red)")
+    below, left = linear_axis(0.0, max(len(energies) - 1.0, 1.0)), linear_axis(min(energies), max(energies))
+    chart = Chart(panel, _ROOM, below, left, log_axis(least, max(norms)))
+    chart.write("iteration")
+    chart.line(list(enumerate(norms)), RED, chart.right)
+    chart.line(list(enumerate(energies)), BLUE, dots=6)
+    chart.frame()
+    return panel
+
+
+def _panels(result: Parameterization, pool: ThreadPoolExecutor) -> list[Future[Image.Image]]:
+    """All panels from left to right. What waits for something is queued after it."""
+    mesh, image = result.mesh, result.coordinates
+    iterations = result.report.get("iterations", [])
+    surface = view(mesh.vertices, mesh.faces, _view_rotation(mesh.vertices, mesh.faces))
+    plane = view(image, mesh.faces) if result.target != "sphere" else None
+    unit = max(float(plane.extent.max()), _TINY) if plane else 1.0
+    units = max(float(np.hypot(*surface.extent)), _TINY), unit
+    shapes = pool.submit(vertex_shapes, mesh.vertices, mesh.faces, image, units)
+
+    def shaded(panel: Callable[[np.ndarray], Image.Image]) -> Future[Image.Image]:
+        """A panel that needs the shapes."""
+        return pool.submit(lambda: panel(shapes.result()))
+
+    flat = [pool.submit(_map, result, plane)] if plane else []
+    flat += [pool.submit(_descent, iterations)] if iterations else []
+    last = pool.submit(_histogram, result)
+    first = shaded(partial(_surface, result, surface, math.log2(unit / _CHECKS)))
+    sides = [] if plane else [shaded(partial(_sphere, result, surface, side)) for side in ("front", "back")]
+    return [first, *sides, *flat, last]
 
 
 def draw(result: Parameterization) -> bytes:
     """PNG bytes of the picture."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    on_sphere = result.target == "sphere"
-    iterations = result.report.get("iterations", [])
-    count = 4 if on_sphere or iterations else 3
-    figure = Figure(figsize=(5 * count, 5.2), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    first, *maps, last = figure.subplots(1, count)
-    _draw_surface(first, result)
-    if on_sphere:
-        _draw_sphere(maps[0], maps[1], result)
-    else:
-        _draw_map(maps[0], result)
-    if iterations:
-        _draw_descent(maps[1], iterations)
-    _draw_histogram(last, result)
+    with ThreadPoolExecutor(2) as pool:
+        panels = [panel.result() for panel in _panels(result, pool)]
+    sheet = Image.new("RGB", (_WIDTH * len(panels), _TITLE + _HEIGHT), "white")
     mark = "" if result.quality.folds == 0 else f"  -  FOLDED: {result.quality.folds} faces"
-    figure.suptitle(f"{result.mesh.name}{mark}", fontsize=11, color="black" if not mark else "#b5442c")
+    place, room = (sheet.width / 2, _TITLE / 2), sheet.width - 80
+    centred(ImageDraw.Draw(sheet), place, f"{result.mesh.name}{mark}", 36, room, RED if mark else INK)
+    for k, panel in enumerate(panels):
+        sheet.paste(panel, (_WIDTH * k, _TITLE))
     out = io.BytesIO()
-    figure.savefig(out, format="png", metadata={"Software": None})
+    sheet.reduce(2).save(out, "png", compress_level=4)
     return out.getvalue()

@@ -3,63 +3,160 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numba
 import numpy as np
 
 from pgcp.types import FloatArray, IntArray
 
-_PIXELS = 800
-Paint = Callable[[IntArray, FloatArray], FloatArray]
+PIXELS = 1000  # twice those of the picture, in which four become one
+_MARGIN = 0.012 * PIXELS
+Paint = Callable[[IntArray, FloatArray], np.ndarray]
 
 
-@numba.njit(cache=True)
-def _visible(screen: FloatArray, faces: IntArray, size: int) -> tuple[IntArray, FloatArray]:
-    """Face seen in each pixel (size, size), -1 for none, and its barycentric weights there (size, size, 3).
-
-    screen (V, 3): pixel column, pixel row upwards, height towards the eye. Faces smaller than a pixel show at their centre.
-    """
-    seen = np.full((size, size), -1, np.int64)
-    weights = np.zeros((size, size, 3))
-    height = np.full((size, size), -np.inf)
+@numba.njit(cache=True, nogil=True)
+def _box(points: FloatArray, faces: IntArray, rotation: FloatArray) -> FloatArray:
+    """Least and greatest coordinates (2, 3) of the turned points that faces use."""
+    used = np.zeros(points.shape[0], np.bool_)
     for f in range(faces.shape[0]):
-        a, b, c = screen[faces[f, 0]], screen[faces[f, 1]], screen[faces[f, 2]]
-        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-        x0, x1 = int(np.ceil(min(a[0], b[0], c[0]))), int(np.floor(max(a[0], b[0], c[0])))
-        y0, y1 = int(np.ceil(min(a[1], b[1], c[1]))), int(np.floor(max(a[1], b[1], c[1])))
-        if x1 - x0 <= 1 and y1 - y0 <= 1:
-            x, y = int(np.rint((a[0] + b[0] + c[0]) / 3.0)), int(np.rint((a[1] + b[1] + c[1]) / 3.0))
-            z = (a[2] + b[2] + c[2]) / 3.0
+        used[faces[f, 0]] = used[faces[f, 1]] = used[faces[f, 2]] = True
+    box = np.empty((2, 3))
+    box[0], box[1] = np.inf, -np.inf
+    for v in range(points.shape[0]):
+        if not used[v]:
+            continue
+        for row in range(3):
+            x = 0.0
+            for d in range(points.shape[1]):
+                x += rotation[row, d] * points[v, d]
+            box[0, row], box[1, row] = min(box[0, row], x), max(box[1, row], x)
+    return box
+
+
+@numba.njit(cache=True, nogil=True)
+def _on_screen(points: FloatArray, rotation: FloatArray, low: FloatArray, scale: float, shift: FloatArray) -> np.ndarray:
+    """Turned points in pixels (V, 3), less ``low``, times ``scale``, plus ``shift``: single precision is plenty."""
+    out = np.empty((points.shape[0], 3), np.float32)
+    for v in range(points.shape[0]):
+        for row in range(3):
+            x = -low[row]
+            for d in range(points.shape[1]):
+                x += rotation[row, d] * points[v, d]
+            out[v, row] = x * scale + shift[row]
+    return out
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _visible(screen: np.ndarray, faces: IntArray, size: int) -> IntArray:
+    """Face seen in each pixel (size, size), -1 for none.
+
+    screen (V, 3): pixel column, pixel row upwards, height towards the eye. Faces that fall between pixels show at their centre.
+    """
+    seen, height = np.full((size, size), -1, np.int32), np.full((size, size), np.float32(-np.inf))
+    for f in range(faces.shape[0]):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        ax, ay, az = np.float64(screen[a, 0]), np.float64(screen[a, 1]), np.float64(screen[a, 2])
+        bx, by, bz = np.float64(screen[b, 0]), np.float64(screen[b, 1]), np.float64(screen[b, 2])
+        cx, cy, cz = np.float64(screen[c, 0]), np.float64(screen[c, 1]), np.float64(screen[c, 2])
+        # a pixel just at the lesser edge is that of the face before
+        x0, x1 = max(int(min(ax, bx, cx)) + 1, 0), min(int(max(ax, bx, cx)), size - 1)
+        y0, y1 = max(int(min(ay, by, cy)) + 1, 0), min(int(max(ay, by, cy)), size - 1)
+        shown = x1 - x0 > 1 or y1 - y0 > 1
+        if x0 <= x1 and y0 <= y1:
+            per_area = 1.0 / ((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+            for y in range(y0, y1 + 1):
+                for x in range(x0, x1 + 1):
+                    u = ((bx - x) * (cy - y) - (by - y) * (cx - x)) * per_area
+                    v = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) * per_area
+                    w = 1.0 - u - v
+                    if u >= -1e-9 and v >= -1e-9 and w >= -1e-9:
+                        shown = True
+                        z = np.float32(u * az + v * bz + w * cz)
+                        if z > height[y, x]:
+                            seen[y, x], height[y, x] = f, z
+        if not shown:
+            x = min(max(int((ax + bx + cx) / 3.0 + 0.5), 0), size - 1)
+            y = min(max(int((ay + by + cy) / 3.0 + 0.5), 0), size - 1)
+            z = np.float32((az + bz + cz) / 3.0)
             if z > height[y, x]:
                 seen[y, x], height[y, x] = f, z
-                weights[y, x, :] = 1.0 / 3.0
-        if area == 0.0:
-            continue
-        for y in range(y0, y1 + 1):
-            for x in range(x0, x1 + 1):
-                u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / area
-                v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / area
-                w = 1.0 - u - v
-                if min(u, v, w) < -1e-9:
-                    continue
-                z = u * a[2] + v * b[2] + w * c[2]
-                if z > height[y, x]:
-                    seen[y, x], height[y, x] = f, z
-                    weights[y, x, 0], weights[y, x, 1], weights[y, x, 2] = u, v, w
-    return seen, weights
+    return seen
 
 
-def rasterise(points: FloatArray, faces: IntArray, paint: Paint) -> FloatArray:
-    """Image (n, n, 3) of faces seen along -z; paint(face_ids (m,), weights (m, 3)) gives the colours (m, 3) of pixels."""
-    mark = np.zeros(len(points), bool)
-    mark[faces.reshape(-1)] = True
-    used = points[mark, :2]
-    low, high = used.min(axis=0), used.max(axis=0)
-    scale = (_PIXELS - 20) / (high - low).max()
-    screen = points.copy()
-    screen[:, :2] = (points[:, :2] - low) * scale + 0.5 * (_PIXELS - (high - low) * scale)
-    seen, weights = _visible(screen, np.asarray(faces, np.int64), _PIXELS)
-    image = np.ones((_PIXELS, _PIXELS, 3))
-    shown = seen >= 0
-    image[shown] = paint(seen[shown], weights[shown])
-    return image[::-1]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _places(screen: np.ndarray, faces: IntArray, seen: IntArray) -> tuple[IntArray, FloatArray]:
+    """Faces (m,) of all pixels that show one, row by row, and barycentric weights (m, 3) there: equal ones outside the face."""
+    count = np.count_nonzero(seen >= 0)
+    face_ids, weights = np.empty(count, np.int64), np.empty((count, 3))
+    k = 0
+    for y in range(seen.shape[0]):
+        for x in range(seen.shape[1]):
+            f = seen[y, x]
+            if f < 0:
+                continue
+            a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+            ax, ay = np.float64(screen[a, 0]), np.float64(screen[a, 1])
+            bx, by = np.float64(screen[b, 0]), np.float64(screen[b, 1])
+            cx, cy = np.float64(screen[c, 0]), np.float64(screen[c, 1])
+            area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+            u = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / area
+            v = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / area
+            w = 1.0 - u - v
+            face_ids[k] = f
+            if u >= -1e-9 and v >= -1e-9 and w >= -1e-9:
+                weights[k, 0], weights[k, 1], weights[k, 2] = u, v, w
+            else:
+                weights[k, :] = 1.0 / 3.0
+            k += 1
+    return face_ids, weights
+
+
+@numba.njit(cache=True, nogil=True)
+def _coloured(seen: IntArray, colours: np.ndarray) -> np.ndarray:
+    """Bytes (size, size, 3), first row on top: colours (m, 3) from 0 to 1 of the pixels that show a face, white elsewhere."""
+    size = seen.shape[0]
+    image = np.full((size, size, 3), 255, np.uint8)
+    k = 0
+    for y in range(size):
+        for x in range(size):
+            if seen[y, x] >= 0:
+                for d in range(3):
+                    image[size - 1 - y, x, d] = np.uint8(255.0 * min(max(colours[k, d], 0.0), 1.0) + 0.5)
+                k += 1
+    return image
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """Points (V, 2) or (V, 3) and faces as they are looked at, along -z once turned by ``rotation`` (3, 2) or (3, 3).
+
+    box (2, 3): the least and greatest turned coordinates.
+    """
+
+    points: FloatArray
+    faces: IntArray
+    rotation: FloatArray
+    box: FloatArray
+
+    @property
+    def extent(self) -> FloatArray:
+        """Width and height (2,)."""
+        return self.box[1, :2] - self.box[0, :2]
+
+
+def view(points: FloatArray, faces: IntArray, rotation: FloatArray | None = None) -> View:
+    """A view of faces, unturned if nothing else is said."""
+    if rotation is None:
+        rotation = np.eye(3)[:, : points.shape[1]]
+    return View(points, faces, np.ascontiguousarray(rotation), _box(points, faces, rotation))
+
+
+def rasterise(seen_from: View, paint: Paint) -> np.ndarray:
+    """Image (PIXELS, PIXELS, 3) of bytes; paint(face_ids (m,), weights (m, 3)) gives the colours (m, 3), 0 to 1, of pixels."""
+    low, extent, faces = seen_from.box[0], seen_from.extent, seen_from.faces
+    scale = (PIXELS - 1 - 2 * _MARGIN) / max(float(extent.max()), 1e-300)
+    shift = np.append(0.5 * (PIXELS - 1 - extent * scale), 0.0)
+    screen = _on_screen(seen_from.points, seen_from.rotation, low, scale, shift)
+    seen = _visible(screen, faces, PIXELS)
+    return _coloured(seen, paint(*_places(screen, faces, seen)))
