@@ -18,8 +18,10 @@ from typing import Any, NoReturn
 
 from pgcp.errors import InputError, NumericalError, PgcpError, StoppedError
 from pgcp.options import FLATTENERS, METHODS, MOEBIUS, REPAIRS, SEAMS, TARGETS, Options
+from pgcp.parallel import processor_count
 from pgcp.types import Mesh, Parameterization
 
+_LARGE_FILE = 20_000_000
 GOOD, BUG, BAD_INPUT, NUMERICAL, STOPPED = 0, 1, 2, 3, 4
 _STATUS = {InputError: BAD_INPUT, NumericalError: NUMERICAL, StoppedError: STOPPED}
 _STOPPED = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}  # exit status 128 + the signal's number
@@ -38,9 +40,14 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("mesh", nargs="?", type=Path, help="PLY, OBJ, STL, OFF, GLB or glTF file; without it, a built-in demo")
     parser.add_argument(
-        "--patches", type=_patches, metavar="K", help="number of patches; auto (default): by vertices, workers and memory"
+        "--patches", type=_number, metavar="K", help="number of patches; auto (default): by vertices, workers and memory"
     )
-    parser.add_argument("--workers", type=int, default=0, metavar="N", help="worker processes here; 0 is serial (default)")
+    parser.add_argument(
+        "--workers",
+        type=_number,
+        metavar="N",
+        help="worker processes here, 0 for none; auto (default): one a processor for files of 20 MB and more, else none",
+    )
     parser.add_argument("--scheduler", metavar="ADDRESS", help="use the running dask scheduler at this address")
     parser.add_argument("--scheduler-file", type=Path, metavar="FILE", help="use the dask scheduler this file describes")
     parser.add_argument("--store", type=Path, metavar="DIR", help="directory for patch files that all workers can open")
@@ -79,13 +86,13 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--seams", choices=SEAMS, default="weld", help="weld; solve them exactly inside the welded boundary; exact, no weld"
     )
-    parser.add_argument("--backend", default="auto", help="sparse factorization: auto, pardiso or superlu")
+    parser.add_argument("--backend", default="auto", help="how interiors are eliminated: auto, nested, pardiso or superlu")
     parser.add_argument("--seed", type=int, default=0, help="seed of the partition (default 0)")
     parser.add_argument(
         "--memory-limit", type=_bytes, metavar="SIZE", help="memory of all processes of this run together, such as 8GB"
     )
     parser.add_argument(
-        "--factor-cache-mb", type=int, metavar="MB", help="factors a worker may keep between passes (default 2048)"
+        "--factor-cache-mb", type=int, metavar="MB", help="factors a worker may keep (default 1500, less if memory is short)"
     )
     parser.add_argument("--output-dir", type=Path, metavar="DIR", help="where results go (default <stem>_pgcp beside the mesh)")
     parser.add_argument("--no-obj", action="store_true", help="write no OBJ file")
@@ -99,16 +106,29 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _patches(text: str) -> int | None:
-    """A number of patches, None for auto."""
-    return None if text == "auto" else int(text)
+def _number(text: str) -> int | None:
+    """A whole number, None for auto."""
+    if text == "auto":
+        return None
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither a whole number nor auto") from None
+
+
+def _automatic_workers(mesh: Path | None) -> int:
+    """One worker a processor where the mesh is so large that they gain more time than they take to start."""
+    with suppress(OSError):
+        if mesh is not None and mesh.stat().st_size >= _LARGE_FILE:
+            return processor_count() if processor_count() > 1 else 0
+    return 0
 
 
 def _bytes(text: str) -> int:
     """A size in bytes, such as 500MB, 8GB or 7.5GiB."""
-    words = re.fullmatch(r"([0-9.]+)\s*([kmgt]?)(i?)b?", text.strip().lower())
+    words = re.fullmatch(r"(\d+\.?\d*|\.\d+)\s*([kmgt]?)(i?)b?", text.strip().lower())
     if words is None:
-        raise ValueError(text)
+        raise argparse.ArgumentTypeError(f"{text!r} is no size such as 500MB, 8GB or 7.5GiB")
     return int(float(words[1]) * (1024 if words[3] else 1000) ** " kmgt".index(words[2] or " "))
 
 
@@ -294,10 +314,17 @@ def _repairs(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(","))
 
 
+def _workers_of(arguments: argparse.Namespace) -> int:
+    if arguments.workers is not None:
+        return int(arguments.workers)
+    elsewhere = arguments.scheduler is not None or arguments.scheduler_file is not None
+    return 0 if elsewhere else _automatic_workers(arguments.mesh)
+
+
 def _options(arguments: argparse.Namespace) -> Options:
     return Options(
         patches=arguments.patches,
-        workers=arguments.workers,
+        workers=_workers_of(arguments),
         target=arguments.target,
         centre=arguments.centre,
         moebius=arguments.moebius,
