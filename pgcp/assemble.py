@@ -10,6 +10,7 @@ from pgcp.beltrami import signed_area
 from pgcp.errors import InputError
 from pgcp.mobius import are_apart, rotation_to_north, shift_disk
 from pgcp.operators import face_areas
+from pgcp.parallel import in_slices
 from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, PatchMap, Positions
 
 _INSIDE = 1e-14
@@ -48,11 +49,16 @@ def turn_to_surface(mesh: Mesh, points: FloatArray) -> FloatArray:
 
     The rotation that brings the points closest to the directions of the surface's faces from its centre, weighted by area.
     """
-    areas = face_areas(mesh.vertices, mesh.faces)
-    corners = mesh.vertices[mesh.faces].mean(axis=1)
-    outward = corners - np.average(corners, axis=0, weights=areas)
-    image = points[mesh.faces].mean(axis=1)
-    u, _, v = np.linalg.svd((image * areas[:, None]).T @ outward)
+
+    def moments(begin: int, end: int) -> FloatArray:
+        """Sums over faces of area times (1, centre in the image)^T (1, centre on the surface), (4, 4)."""
+        faces = mesh.faces[begin:end]
+        one = np.ones((len(faces), 1))
+        surface, image = (np.hstack([one, p[faces].mean(axis=1)]) for p in (mesh.vertices, points))
+        return (image * face_areas(mesh.vertices, faces)[:, None]).T @ surface
+
+    total = np.sum(in_slices(moments, len(mesh.faces)), axis=0)
+    u, _, v = np.linalg.svd(total[1:, 1:] - np.outer(total[1:, 0], total[0, 1:]) / total[0, 0])
     turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
     turned: FloatArray = points @ turn
     return turned / np.linalg.norm(turned, axis=1)[:, None]

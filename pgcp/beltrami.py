@@ -7,9 +7,31 @@ from fractions import Fraction
 import numba
 import numpy as np
 
+from pgcp.parallel import in_slices
 from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, Positions
 
 _ROUNDING = 8.0 * np.finfo(np.float64).eps
+_LARGEST = float(np.sqrt(np.finfo(np.float64).max) / 4.0)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _coefficient(vertices: FloatArray, a: int, b: int, c: int, e: complex, g: complex) -> complex:
+    """Beltrami coefficient of the map of a face (a, b, c) whose edges a -> b and a -> c become e and g."""
+    ux, uy, uz = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2]
+    vx, vy, vz = vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1], vertices[c, 2] - vertices[a, 2]
+    length = np.sqrt(ux * ux + uy * uy + uz * uz)
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    x = (ux * vx + uy * vy + uz * vz) / length
+    y = np.sqrt(nx * nx + ny * ny + nz * nz) / length
+    if not y > 0.0:
+        return complex(1.0, 0.0)
+    # chart corners 0, length, x + i y; f = p w + q conj(w) through the two edges
+    along = e / length
+    across = (g - x * along) / y
+    p, q = along - 1j * across, along + 1j * across
+    if p == 0.0 or not np.isfinite(abs(q / p)) or abs(q / p) > _LARGEST:
+        return complex(_LARGEST, 0.0)
+    return q / p
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -21,27 +43,9 @@ def beltrami_coefficients(vertices: FloatArray, faces: IntArray, z: ComplexArray
     anti-conformal gets the largest finite number instead of infinity, a face without area on the surface 1.
     """
     out = np.empty(faces.shape[0], np.complex128)
-    largest = np.sqrt(np.finfo(np.float64).max) / 4.0
     for f in range(faces.shape[0]):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        ux, uy, uz = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2]
-        vx, vy, vz = vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1], vertices[c, 2] - vertices[a, 2]
-        length = np.sqrt(ux * ux + uy * uy + uz * uz)
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        x = (ux * vx + uy * vy + uz * vz) / length
-        y = np.sqrt(nx * nx + ny * ny + nz * nz) / length
-        if not y > 0.0:
-            out[f] = complex(1.0, 0.0)
-            continue
-        # chart corners 0, length, x + i y; f = p w + q conj(w) through the two edges
-        e, g = z[b] - z[a], z[c] - z[a]
-        along = e / length
-        across = (g - x * along) / y
-        p, q = along - 1j * across, along + 1j * across
-        if p == 0.0 or not np.isfinite(abs(q / p)) or abs(q / p) > largest:
-            out[f] = complex(largest, 0.0)
-        else:
-            out[f] = q / p
+        out[f] = _coefficient(vertices, a, b, c, z[b] - z[a], z[c] - z[a])
     return out
 
 
@@ -75,32 +79,28 @@ def beltrami_coefficients_on_sphere(vertices: FloatArray, faces: IntArray, point
     Between the face and its chordal triangle, both flattened isometrically; the triangle is turned over where it faces
     inwards. Charts as in ``beltrami_coefficients``.
     """
-    chart = np.zeros(3, np.complex128)
-    corners = np.array([[0, 1, 2]])
-    surface = np.empty((3, 3))
     out = np.empty(faces.shape[0], np.complex128)
     for f in range(faces.shape[0]):
-        a, b, c = points[faces[f, 0]], points[faces[f, 1]], points[faces[f, 2]]
+        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+        a, b, c = points[i], points[j], points[k]
         ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
         vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         length = np.sqrt(ux * ux + uy * uy + uz * uz)
         height = np.sqrt(nx * nx + ny * ny + nz * nz) / length
-        chart[1] = length
-        chart[2] = complex((ux * vx + uy * vy + uz * vz) / length, np.copysign(height, nx * a[0] + ny * a[1] + nz * a[2]))
-        for i in range(3):
-            surface[i] = vertices[faces[f, i]]
-        out[f] = beltrami_coefficients(surface, corners, chart)[0]
+        third = complex((ux * vx + uy * vy + uz * vz) / length, np.copysign(height, nx * a[0] + ny * a[1] + nz * a[2]))
+        out[f] = _coefficient(vertices, i, j, k, complex(length, 0.0), third)
     return out
 
 
 def map_coefficients(mesh: Mesh, faces: IntArray, coordinates: FloatArray) -> ComplexArray:
     """Beltrami coefficients of some faces of a map, coordinates (V, 2) in the plane or (V, 3) on the sphere."""
     if coordinates.shape[1] == 3:
-        mu: ComplexArray = beltrami_coefficients_on_sphere(mesh.vertices, faces, coordinates)
+        kernel, points = beltrami_coefficients_on_sphere, coordinates
     else:
-        mu = beltrami_coefficients(mesh.vertices, faces, coordinates[:, 0] + 1j * coordinates[:, 1])
-    return mu
+        kernel, points = beltrami_coefficients, coordinates[:, 0] + 1j * coordinates[:, 1]
+    parts = in_slices(lambda begin, end: kernel(mesh.vertices, faces[begin:end], points), len(faces))
+    return np.concatenate(parts) if parts else np.empty(0, np.complex128)
 
 
 @numba.njit(cache=True, nogil=True)

@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 
 from pgcp.errors import InputError, NumericalError, PgcpError, StoppedError
 from pgcp.options import FLATTENERS, METHODS, MOEBIUS, REPAIRS, SEAMS, TARGETS, Options
-from pgcp.parallel import processor_count
+from pgcp.parallel import leave, processor_count
 from pgcp.types import Mesh, Parameterization
 
 _LARGE_FILE = 20_000_000
@@ -442,9 +442,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def run() -> NoReturn:
-    """Run the command and end the process: to take compiled code and libraries apart first would be a third of a small run."""
+    """Run the command and end the process."""
     status = main()
     with suppress(OSError):
         sys.stdout.flush()
         sys.stderr.flush()
-    os._exit(status)
+    leave(status)
+    raise SystemExit(status)

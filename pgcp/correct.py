@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgcp.beltrami import folded_faces, folded_faces_on_sphere
-from pgcp.distortion import angle_errors, as_points, corner_angles, log_area_ratios
+from pgcp.distortion import as_points, corner_angles, mean_distortion, mean_turned_error
 from pgcp.mobius import (
     AreaSample,
     are_apart,
@@ -29,9 +29,9 @@ from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Positions
 _ANGLE_SAMPLE = 20_000
 _SHARES = (1.0, 0.7, 0.5, 0.3, 0.15)
 _ANGLE_LIMIT = 1.01
-_UP = np.array([0.0, 0.0, 1.0])
 _FOLD_FRACTION = 0.0005
-_WORTH = 0.99
+_WORTH, _PROMISING = 0.99, 0.995
+_TINY = 1e-300
 _LONGEST = 1.0 - 1e-12
 _SCAN_SAMPLE = 2000
 _SCAN_DIRECTIONS = 12
@@ -102,8 +102,11 @@ def _least_area(mesh: Mesh, positions: Positions, target: str, used: IntArray) -
     return b * (np.arctanh(min(size, _LONGEST)) / size) if size > 0 else b
 
 
-def _least_angle(mesh: Mesh, positions: Positions, target: str, used: IntArray) -> FloatArray:
-    """Least mean |angle error| of a sample of faces: a scan of the ball, then Nelder-Mead (CDCP section 4.3)."""
+def _least_angle(mesh: Mesh, positions: Positions, target: str, used: IntArray) -> tuple[FloatArray, float]:
+    """Least mean |angle error| of a sample of faces: a scan of the ball, then Nelder-Mead (CDCP section 4.3).
+
+    Returns where it is, and its ratio to that of the map as it is.
+    """
     from scipy.optimize import minimize
 
     rng = np.random.default_rng(0)
@@ -119,12 +122,10 @@ def _least_angle(mesh: Mesh, positions: Positions, target: str, used: IntArray) 
         move = _family(positions[ids], target, middle_radius)
 
         def mean_error(v: FloatArray) -> float:
-            """Angles of a face turned over count as negative."""
-            points = as_points(move(v))
-            a, b, c = (points[faces[:, i]] for i in range(3))
-            outward = a if target == "sphere" else _UP
-            side = np.sign((np.cross(b - a, c - a) * outward).sum(axis=1))
-            return float(np.abs(corner_angles(points, faces) * side[:, None] - surface).mean())
+            """With the parameter v."""
+            moved = move(v)
+            points = moved if target == "sphere" else moved.view(np.float64).reshape(-1, 2)
+            return float(mean_turned_error(points, faces, surface))
 
         return mean_error
 
@@ -145,12 +146,9 @@ def _least_angle(mesh: Mesh, positions: Positions, target: str, used: IntArray) 
 
     starts = [np.zeros(k)] + [min((d * size for d in directions), key=rough) for size in _SCAN_DISTANCES]
     best = min((descend(rough, start) for start in starts), key=lambda pair: pair[0])[1]
-    return descend(objective_on(chosen), best)[1]
-
-
-def _measured(mesh: Mesh, positions: Positions) -> tuple[float, float]:
-    """Mean |d_area| and mean |angle error| (degrees) of all faces."""
-    return float(np.abs(log_area_ratios(mesh, positions)).mean()), float(angle_errors(mesh, positions).mean())
+    objective = objective_on(chosen)
+    least, found = descend(objective, best)
+    return found, least / max(objective(np.zeros(k)), _TINY)
 
 
 def _folds(mesh: Mesh, positions: Positions) -> int:
@@ -159,11 +157,17 @@ def _folds(mesh: Mesh, positions: Positions) -> int:
 
 
 def _try(
-    mesh: Mesh, positions: Positions, target: str, method: str, boundary: IntArray, used: IntArray, before: tuple[float, float]
+    mesh: Mesh,
+    positions: Positions,
+    target: str,
+    method: str,
+    vector: FloatArray,
+    boundary: IntArray,
+    used: IntArray,
+    before: tuple[float, float],
 ) -> tuple[Positions, Correction]:
     area_before, angle_before = before
     allowed = _folds(mesh, positions) + int(_FOLD_FRACTION * len(mesh.faces))
-    vector = (_least_area if method == "area" else _least_angle)(mesh, positions, target, used)
     move = _family(positions, target, _circle_around(positions[used]) if target == "free" else None)
     for share in _SHARES:
         moved = move(share * vector)
@@ -173,7 +177,7 @@ def _try(
                 continue
         if not np.isfinite(moved[used]).all() or _folds(mesh, moved) > allowed:
             continue
-        area, angle = _measured(mesh, moved)
+        area, angle = mean_distortion(mesh, moved)
         better = area < area_before and angle <= _ANGLE_LIMIT * angle_before if method == "area" else angle < angle_before
         if better:
             parameter = tuple(_in_ball(share * vector).tolist())
@@ -192,10 +196,12 @@ def correct(
     error|; where the whole way does not do so, shorter ways are tried. Folds are to be repaired after it. ``auto`` is the
     angle correction where that gains more than 1 %, else the area correction.
     """
-    before = _measured(mesh, positions)
-    if method == "auto":
-        moved, correction = _try(mesh, positions, target, "angle", boundary, used, before)
-        if correction.angle_mean_after_deg < _WORTH * correction.angle_mean_before_deg:
-            return moved, correction
-        method = "area"
-    return _try(mesh, positions, target, method, boundary, used, before)
+    before = mean_distortion(mesh, positions)
+    if method != "area":
+        vector, ratio = _least_angle(mesh, positions, target, used)
+        if method == "angle" or ratio < _PROMISING:
+            moved, correction = _try(mesh, positions, target, "angle", vector, boundary, used, before)
+            if method == "angle" or correction.angle_mean_after_deg < _WORTH * correction.angle_mean_before_deg:
+                return moved, correction
+    vector = _least_area(mesh, positions, target, used)
+    return _try(mesh, positions, target, "area", vector, boundary, used, before)

@@ -44,6 +44,32 @@ def corner_angles(vertices: FloatArray, faces: np.ndarray) -> FloatArray:
 
 
 @numba.njit(cache=True, nogil=True)
+def mean_turned_error(points: FloatArray, faces: np.ndarray, surface: FloatArray) -> float:
+    """Mean |angle in the image - angle on the surface|, radians; angles of a face that is turned over count as negative.
+
+    points (V, 2) in the plane or (V, 3) on the sphere, where faces look outwards; surface (F, 3) angles.
+    """
+    total = 0.0
+    for f in range(faces.shape[0]):
+        a, b, c = points[faces[f, 0]], points[faces[f, 1]], points[faces[f, 2]]
+        if points.shape[1] == 2:
+            turn = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+            size = abs(turn)
+        else:
+            ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+            vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+            nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+            turn, size = nx * a[0] + ny * a[1] + nz * a[2], np.sqrt(nx * nx + ny * ny + nz * nz)
+        for i in range(3):
+            a, b, c = points[faces[f, i]], points[faces[f, (i + 1) % 3]], points[faces[f, (i + 2) % 3]]
+            dot = 0.0
+            for d in range(points.shape[1]):
+                dot += (b[d] - a[d]) * (c[d] - a[d])
+            total += abs(np.sign(turn) * np.arctan2(size, dot) - surface[f, i])
+    return total / (3 * faces.shape[0])
+
+
+@numba.njit(cache=True, nogil=True)
 def _corner(points: FloatArray, a: int, b: int, c: int) -> tuple[float, float]:
     """Length of the cross product and dot product of the edges a -> b and a -> c; points (V, 2) or (V, 3)."""
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
@@ -111,11 +137,37 @@ def conformal_energy(mesh: Mesh, z: ComplexArray) -> float:
     return float(_conformal_energy(mesh.vertices, mesh.faces, z))
 
 
-def log_area_ratios(mesh: Mesh, positions: Positions) -> FloatArray:
-    """d_area of every face (F,) (PGCP eq. 6.1); faces without area on either side get the largest finite value met."""
-    image, surface = face_areas(as_points(positions), mesh.faces), face_areas(mesh.vertices, mesh.faces)
+def log_area_ratios(surface: FloatArray, image: FloatArray, totals: tuple[float, float]) -> FloatArray:
+    """d_area of faces (N,) from their areas and the areas of both surfaces (PGCP eq. 6.1); not finite where an area is 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.log(image / image.sum()) - np.log(surface / surface.sum())
-    finite = np.isfinite(ratio)
-    ratio[~finite] = np.abs(ratio[finite]).max(initial=0.0)
-    return ratio
+        ratios: FloatArray = np.log(image / totals[1]) - np.log(surface / totals[0])
+    return ratios
+
+
+def mean_distortion(mesh: Mesh, positions: Positions) -> tuple[float, float]:
+    """Mean |d_area| and mean |angle error| (degrees) of all faces; nothing of their number is made.
+
+    Faces without area on either side count with the largest finite |d_area| met.
+    """
+    image = as_points(positions)
+
+    def areas(begin: int, end: int) -> tuple[FloatArray, FloatArray]:
+        """On the surface and in the image."""
+        return face_areas(mesh.vertices, mesh.faces[begin:end]), face_areas(image, mesh.faces[begin:end])
+
+    def sums(begin: int, end: int) -> tuple[float, ...]:
+        """Of areas and of angle errors."""
+        errors = angle_error_slice(mesh.vertices, image, mesh.faces, begin, end)
+        return *(float(part.sum()) for part in areas(begin, end)), float(errors.sum())
+
+    surface_sum, image_sum, error_sum = np.sum(in_slices(sums, len(mesh.faces)), axis=0).tolist()
+
+    def ratios(begin: int, end: int) -> tuple[float, float, int]:
+        """Sum and largest of the finite ratios, and how many are not."""
+        sizes = np.abs(log_area_ratios(*areas(begin, end), (surface_sum, image_sum)))
+        finite = sizes[np.isfinite(sizes)]
+        return float(finite.sum()), float(finite.max(initial=0.0)), end - begin - len(finite)
+
+    total, largest, without = zip(*in_slices(ratios, len(mesh.faces)), strict=True)
+    count = len(mesh.faces)
+    return (sum(total) + max(largest) * sum(without)) / count, error_sum / (3 * count)

@@ -6,6 +6,7 @@ order in which tasks finish, and each task computes with one BLAS thread whereve
 
 from __future__ import annotations
 
+import atexit
 import logging
 import multiprocessing
 import signal
@@ -23,6 +24,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 from threadpoolctl import threadpool_limits
 
 from pgcp.errors import InputError, LostFileError, SolveFailedError, StoppedError
+from pgcp.parallel import leave
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -215,6 +217,12 @@ def _start_cluster(workers: int) -> Any:
         ) from (None if unguarded else problem)
 
 
+def _warm_up_here(warm: Callable[[], None]) -> None:
+    """Warm a worker up that was started here, and let it end at once when it has to."""
+    atexit.register(leave, 0)
+    warm()
+
+
 def _run_located(function: Callable[[Any], Any], item: Any) -> tuple[str, Any]:
     from distributed import get_worker
 
@@ -327,9 +335,10 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
     def _warm_up(self, client: Any) -> None:
         """Have workers load what tasks need while nothing waits for it."""
         if self._warm is not None:
+            warm = self._warm if self._cluster is None else partial(_warm_up_here, self._warm)
             for address in client.scheduler_info(n_workers=-1)["workers"]:
                 key = f"pgcp-{self._run}-warm-{address}"
-                self._warming.append(client.submit(self._warm, key=key, workers=[address], pure=False))
+                self._warming.append(client.submit(warm, key=key, workers=[address], pure=False))
 
     def _await_start(self) -> None:
         """Wait for the thread that starts a cluster; it has imported all of dask then."""

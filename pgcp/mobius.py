@@ -59,7 +59,8 @@ def boost(points: FloatArray, b: FloatArray) -> FloatArray:
     along = points @ b
     square = float(b @ b)
     moved = (1.0 - square) * points + (2.0 + 2.0 * along)[:, None] * b
-    return moved / np.linalg.norm(moved, axis=1)[:, None]
+    moved /= np.sqrt(np.einsum("ij,ij->i", moved, moved))[:, None]
+    return moved
 
 
 def boost_matrix(b: FloatArray) -> ComplexArray:

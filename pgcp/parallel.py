@@ -8,10 +8,20 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import TypeVar
 
 Result = TypeVar("Result")
 _SLICE = 1 << 18
+
+
+def leave(status: int) -> None:
+    """End this process without taking compiled code and libraries apart, which would be a third of a small run.
+
+    Does nothing where a library has to: Intel's OpenMP keeps a file of shared memory.
+    """
+    if not any(Path("/dev/shm").glob(f"__KMP_REGISTERED_LIB_{os.getpid()}_*")):
+        os._exit(status)
 
 
 def processor_count() -> int:

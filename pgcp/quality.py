@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgcp.beltrami import covering_degree, find_folds
-from pgcp.distortion import angle_error_slice
+from pgcp.distortion import angle_error_slice, log_area_ratios
 from pgcp.operators import face_areas
 from pgcp.parallel import in_slices
 from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Quality
@@ -77,8 +77,7 @@ class _Measured:
         surface, image = self._areas(begin, end)
         solid = surface > 0.0
         errors = self._errors(begin, end, solid).reshape(-1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.abs(np.log(image / totals[1]) - np.log(surface / totals[0]))
+        ratio = np.abs(log_area_ratios(surface, image, totals))
         finite = np.isfinite(ratio)
         squares = float(((errors - mean) ** 2).sum())
         some = errors[np.isin(_bins(errors), wanted)]

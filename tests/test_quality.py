@@ -8,7 +8,8 @@ from meshes import cap, grid, lifted, spheroid
 
 import pgcp
 from pgcp.beltrami import beltrami_coefficients, folded_faces
-from pgcp.distortion import angle_errors, as_points, corner_angles, log_area_ratios
+from pgcp.distortion import angle_errors, as_points, corner_angles, log_area_ratios, mean_distortion
+from pgcp.operators import face_areas
 from pgcp.quality import measure_quality
 from pgcp.types import Mesh
 
@@ -65,7 +66,9 @@ def test_quality_of_an_exact_map_and_of_a_stretched_one():
     errors = angle_errors(square, stretched)
     # right isosceles triangles: 45 degrees become 30 or 60, 90 stays
     assert np.allclose(np.sort(errors, axis=1), [0, 15, 15], atol=1e-9)
-    assert np.abs(log_area_ratios(square, stretched)).max() < 1e-12
+    areas = [face_areas(p, square.faces) for p in (square.vertices, np.column_stack([stretched, 0 * stretched[:, 0]]))]
+    assert np.abs(log_area_ratios(*areas, (1.0, np.sqrt(3)))).max() < 1e-12
+    assert mean_distortion(square, stretched) == pytest.approx((0.0, 10.0), abs=1e-9)
 
 
 def test_area_ratios_follow_the_definition():
@@ -80,7 +83,10 @@ def test_area_ratios_follow_the_definition():
             warnings.simplefilter("ignore")
             image = np.array([area(flat, f) for f in order])
     expected = np.log(image / image.sum()) - np.log(0.5)
-    assert log_area_ratios(mesh, flat) == pytest.approx(expected)
+    assert log_area_ratios(np.array([0.5, 0.5]), image, (1.0, image.sum())) == pytest.approx(expected)
+    assert mean_distortion(mesh, flat)[0] == pytest.approx(np.abs(expected).mean())
+    flat[0] = flat[2]  # the second face without area: it counts as the first
+    assert mean_distortion(mesh, flat)[0] == pytest.approx(abs(np.log(2.0)))
 
 
 def test_types_refuse_what_is_no_mesh():
@@ -106,7 +112,8 @@ def test_slices_measure_what_the_whole_would(kind, monkeypatch):
     mesh = lifted(grid(31, 23, jitter=0.3)) if kind == "plane" else spheroid(3, 2.0)[0]
     result = pgcp.parameterize(mesh, patches=2)
     errors = angle_errors(mesh, result.coordinates)
-    logs, mu = np.abs(log_area_ratios(mesh, result.coordinates)), np.abs(result.mu)
+    areas = [face_areas(points, mesh.faces) for points in (mesh.vertices, as_points(result.coordinates))]
+    logs, mu = np.abs(log_area_ratios(*areas, (areas[0].sum(), areas[1].sum()))), np.abs(result.mu)
     for size in (1 << 18, 97, 1):
         monkeypatch.setattr("pgcp.parallel._SLICE", size)
         quality = measure_quality(mesh, result.coordinates, result.mu)
