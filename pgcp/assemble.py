@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numba
 import numpy as np
 
 from pgcp.beltrami import signed_area
@@ -44,24 +45,37 @@ def used_vertices(mesh: Mesh) -> BoolArray:
     return used
 
 
+@numba.njit(cache=True, nogil=True)
+def _moments(vertices: FloatArray, points: FloatArray, faces: IntArray) -> FloatArray:
+    """Sums over faces of area times (1, centre in the image)^T (1, centre on the surface), (4, 4)."""
+    total, surface, image = np.zeros((4, 4)), np.ones(4), np.ones(4)
+    for f in range(faces.shape[0]):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        for d in range(3):
+            surface[d + 1] = (vertices[a, d] + vertices[b, d] + vertices[c, d]) / 3.0
+            image[d + 1] = (points[a, d] + points[b, d] + points[c, d]) / 3.0
+        ux, uy, uz = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2]
+        vx, vy, vz = vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1], vertices[c, 2] - vertices[a, 2]
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        area = 0.5 * np.sqrt(nx * nx + ny * ny + nz * nz)
+        for i in range(4):
+            for j in range(4):
+                total[i, j] += area * image[i] * surface[j]
+    return total
+
+
 def turn_to_surface(mesh: Mesh, points: FloatArray) -> FloatArray:
     """Rotate a map to the sphere (V, 3) so that it faces the way the surface does.
 
     The rotation that brings the points closest to the directions of the surface's faces from its centre, weighted by area.
     """
-
-    def moments(begin: int, end: int) -> FloatArray:
-        """Sums over faces of area times (1, centre in the image)^T (1, centre on the surface), (4, 4)."""
-        faces = mesh.faces[begin:end]
-        one = np.ones((len(faces), 1))
-        surface, image = (np.hstack([one, p[faces].mean(axis=1)]) for p in (mesh.vertices, points))
-        return (image * face_areas(mesh.vertices, faces)[:, None]).T @ surface
-
-    total = np.sum(in_slices(moments, len(mesh.faces)), axis=0)
+    parts = in_slices(lambda begin, end: _moments(mesh.vertices, points, mesh.faces[begin:end]), len(mesh.faces))
+    total = np.sum(parts, axis=0)
     u, _, v = np.linalg.svd(total[1:, 1:] - np.outer(total[1:, 0], total[0, 1:]) / total[0, 0])
     turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
     turned: FloatArray = points @ turn
-    return turned / np.linalg.norm(turned, axis=1)[:, None]
+    turned /= np.sqrt(np.einsum("ij,ij->i", turned, turned))[:, None]
+    return turned
 
 
 def place_free(mesh: Mesh, z: ComplexArray, boundary: IntArray) -> FloatArray:

@@ -29,6 +29,7 @@ from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Positions
 _ANGLE_SAMPLE = 20_000
 _SHARES = (1.0, 0.7, 0.5, 0.3, 0.15)
 _ANGLE_LIMIT = 1.01
+_SLACK = 1.003  # how far a sample may mislead
 _FOLD_FRACTION = 0.0005
 _WORTH, _PROMISING = 0.99, 0.995
 _TINY = 1e-300
@@ -102,6 +103,29 @@ def _least_area(mesh: Mesh, positions: Positions, target: str, used: IntArray) -
     return b * (np.arctanh(min(size, _LONGEST)) / size) if size > 0 else b
 
 
+def _sampled(count: int) -> IntArray:
+    """Faces that stand for all."""
+    return np.arange(count) if count <= _ANGLE_SAMPLE else np.random.default_rng(0).choice(count, _ANGLE_SAMPLE, False)
+
+
+def _angle_objective(
+    mesh: Mesh, positions: Positions, target: str, used: IntArray, face_ids: IntArray
+) -> Callable[[FloatArray], float]:
+    """Mean |angle error| (radians) of some faces as a function of the parameter."""
+    ids, corners = np.unique(mesh.faces[face_ids], return_inverse=True)
+    faces = corners.reshape(-1, 3)
+    surface = corner_angles(mesh.vertices[ids], faces)
+    move = _family(positions[ids], target, _circle_around(positions[used]) if target == "free" else None)
+
+    def mean_error(v: FloatArray) -> float:
+        """With the parameter v."""
+        moved = move(v)
+        points = moved if target == "sphere" else moved.view(np.float64).reshape(-1, 2)
+        return float(mean_turned_error(points, faces, surface))
+
+    return mean_error
+
+
 def _least_angle(mesh: Mesh, positions: Positions, target: str, used: IntArray) -> tuple[FloatArray, float]:
     """Least mean |angle error| of a sample of faces: a scan of the ball, then Nelder-Mead (CDCP section 4.3).
 
@@ -109,27 +133,10 @@ def _least_angle(mesh: Mesh, positions: Positions, target: str, used: IntArray) 
     """
     from scipy.optimize import minimize
 
-    rng = np.random.default_rng(0)
     count = len(mesh.faces)
-    chosen = np.arange(count) if count <= _ANGLE_SAMPLE else rng.choice(count, _ANGLE_SAMPLE, False)
-    middle_radius = _circle_around(positions[used]) if target == "free" else None
-
-    def objective_on(face_ids: IntArray) -> Callable[[FloatArray], float]:
-        """Mean |angle error| (radians) of some faces as a function of the parameter."""
-        ids, corners = np.unique(mesh.faces[face_ids], return_inverse=True)
-        faces = corners.reshape(-1, 3)
-        surface = corner_angles(mesh.vertices[ids], faces)
-        move = _family(positions[ids], target, middle_radius)
-
-        def mean_error(v: FloatArray) -> float:
-            """With the parameter v."""
-            moved = move(v)
-            points = moved if target == "sphere" else moved.view(np.float64).reshape(-1, 2)
-            return float(mean_turned_error(points, faces, surface))
-
-        return mean_error
-
-    rough = objective_on(chosen[:: max(1, len(chosen) // _SCAN_SAMPLE)])
+    chosen, rng = _sampled(count), np.random.default_rng(1)
+    some = chosen[:: max(1, len(chosen) // _SCAN_SAMPLE)]
+    rough, objective = (_angle_objective(mesh, positions, target, used, ids) for ids in (some, chosen))
     k = 3 if target == "sphere" else 2
     directions = rng.normal(size=(_SCAN_DIRECTIONS, k))
     # away from places on the surface: what is crowded there opens up only when aimed at
@@ -146,7 +153,6 @@ def _least_angle(mesh: Mesh, positions: Positions, target: str, used: IntArray) 
 
     starts = [np.zeros(k)] + [min((d * size for d in directions), key=rough) for size in _SCAN_DISTANCES]
     best = min((descend(rough, start) for start in starts), key=lambda pair: pair[0])[1]
-    objective = objective_on(chosen)
     least, found = descend(objective, best)
     return found, least / max(objective(np.zeros(k)), _TINY)
 
@@ -169,7 +175,11 @@ def _try(
     area_before, angle_before = before
     allowed = _folds(mesh, positions) + int(_FOLD_FRACTION * len(mesh.faces))
     move = _family(positions, target, _circle_around(positions[used]) if target == "free" else None)
+    on_sample = _angle_objective(mesh, positions, target, used, _sampled(len(mesh.faces)))
+    most = (_ANGLE_LIMIT if method == "area" else 1.0) * _SLACK * on_sample(np.zeros(len(vector)))
     for share in _SHARES:
+        if on_sample(share * vector) > most:
+            continue
         moved = move(share * vector)
         if target == "disk":
             moved[boundary] /= np.abs(moved[boundary])

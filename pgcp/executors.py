@@ -30,6 +30,12 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 Progress = Callable[[str, int, int], None]
 _ANSWER_S = "10s"
+_WORKER_ENVIRONMENT = {
+    "DASK_LOGGING__DISTRIBUTED": "critical",  # silence_logs ends before a worker
+    "MALLOC_TRIM_THRESHOLD_": 1
+    << 30,  # memory of one patch serves the next: fresh pages cost as much as the arithmetic on them
+    "MALLOC_MMAP_THRESHOLD_": 1 << 25,
+}
 _LOOK_S = 2.0
 _MOST_TRIES = 5
 _RESTART_S = 10.0
@@ -195,9 +201,9 @@ def _start_cluster(workers: int) -> Any:
     import dask
     from distributed import LocalCluster
 
-    silence = {"distributed.nanny.pre-spawn-environ.DASK_LOGGING__DISTRIBUTED": "critical"}  # silence_logs ends before a worker
+    environment = {f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in _WORKER_ENVIRONMENT.items()}
     try:
-        with _interrupts_for_this_process_only(), dask.config.set(silence):
+        with _interrupts_for_this_process_only(), dask.config.set(environment):
             return LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,

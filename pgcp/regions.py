@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
@@ -35,18 +36,34 @@ class Region:
     held: BoolArray
 
 
+@numba.njit(cache=True, nogil=True)
 def rings_around(faces: IntArray, start: IntArray, rings: int, vertex_count: int) -> BoolArray:
     """Which faces (F,) are within so many rings of the given ones."""
-    chosen = np.zeros(len(faces), bool)
-    chosen[start] = True
+    chosen, touched = np.zeros(faces.shape[0], np.bool_), np.zeros(vertex_count, np.bool_)
+    for f in start:
+        chosen[f] = True
     for _ in range(rings):
-        touched = np.zeros(vertex_count, bool)
-        touched[faces[chosen].reshape(-1)] = True
-        grown = np.asarray(touched[faces].any(axis=1), bool)
-        if np.array_equal(grown, chosen):
+        for f in range(faces.shape[0]):
+            if chosen[f]:
+                touched[faces[f, 0]] = touched[faces[f, 1]] = touched[faces[f, 2]] = True
+        count = 0
+        for f in range(faces.shape[0]):
+            if not chosen[f] and (touched[faces[f, 0]] or touched[faces[f, 1]] or touched[faces[f, 2]]):
+                chosen[f] = True
+                count += 1
+        if count == 0:
             break
-        chosen = grown
     return chosen
+
+
+@numba.njit(cache=True, nogil=True)
+def _held(faces: IntArray, chosen: BoolArray, fixed: BoolArray) -> BoolArray:
+    """Which vertices (V,) are fixed or used by faces that are not chosen."""
+    held = fixed.copy()
+    for f in range(faces.shape[0]):
+        if not chosen[f]:
+            held[faces[f, 0]] = held[faces[f, 1]] = held[faces[f, 2]] = True
+    return held
 
 
 def regions_around(faces: IntArray, start: IntArray, rings: int, fixed: BoolArray) -> list[Region]:
@@ -60,8 +77,7 @@ def whole_regions(faces: IntArray, fixed: BoolArray) -> list[Region]:
 
 
 def _connected_parts(faces: IntArray, chosen: BoolArray, fixed: BoolArray) -> list[Region]:
-    held = fixed.copy()
-    held[faces[~chosen].reshape(-1)] = True
+    held = _held(faces, chosen, fixed)
     face_ids = np.flatnonzero(chosen)
     vertex_ids, local = np.unique(faces[face_ids], return_inverse=True)
     local = local.reshape(-1, 3)
