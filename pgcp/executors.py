@@ -356,6 +356,11 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
             raise problem
 
     @property
+    def _is_reached(self) -> bool:
+        """Whether there is a scheduler now."""
+        return self._held is not None and self._held.status == "running"
+
+    @property
     def _client(self) -> Any:
         """The client, once the cluster is there."""
         self._await_start()
@@ -515,7 +520,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
 
     def everywhere(self, function: Callable[[], None]) -> None:
         """See Executor: workers started here end with it."""
-        if self._cluster is None and self._starting is None and self._client.status == "running":
+        if self._cluster is None and self._starting is None and self._is_reached:
             with suppress(Exception):  # a worker that is gone holds nothing
                 self._client.run(function, on_error="ignore")
 
@@ -530,7 +535,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
     def peak_bytes(self) -> int:
         """See Executor."""
         own = _peak_bytes()
-        if self._starting is not None or self._client.status != "running":
+        if self._starting is not None or not self._is_reached:
             return own
         with suppress(Exception):  # of workers that are gone nothing is known
             return max([own, *self._client.run(_peak_bytes, on_error="ignore").values()])
