@@ -43,7 +43,7 @@ class Options:
     distortion, least angle error (disk), or auto for what serves the target;
     scheduler or scheduler_file: a running dask cluster; cuts: a file of cut edges; repair_cuts: mend parts that are
     no disks; method: pgcp, or dncp, scp (free boundary), cdcp, cem, ccem (disk) of the undivided mesh; flatten: dncp or scp;
-    seams: weld, relax (welded boundary held, seams solved) or exact (no weld); backend: auto,
+    seams: weld, relax (welded boundary held, seams solved) or exact (no weld); backend: auto, nested,
     pardiso or superlu; seed: of the partition; store: directory shared with the workers; repairs: which tiers may take folds
     away; no_overlap: where a free map overlaps itself, map to the disk instead; factor_cache_bytes: what factors one process
     may keep between the passes, None for 1.5 GB or what the memory limit leaves; memory_limit_bytes: of all processes together;

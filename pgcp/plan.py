@@ -15,7 +15,7 @@ _FEWEST_FACES = 100
 _MOST_VERTICES = 200_000  # of a patch: larger ones take longer per vertex, more of them longer seams
 _FEWEST_VERTICES = 20_000
 _DRIVER = 300_000_000
-_DRIVER_PER_VERTEX = 260
+_DRIVER_PER_VERTEX, _DRIVER_PER_VERTEX_CLOSED = 290, 420  # a sphere is corrected and turned as a whole
 _PROCESS = 250_000_000
 _WORK_PER_VERTEX = 2_000
 _KEPT_BYTES = 1_500_000_000
@@ -23,7 +23,7 @@ _KEPT_BYTES = 1_500_000_000
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Number of patches, and bytes of factors that one process may keep between the passes."""
+    """Number of patches, and bytes of factors that one process may keep."""
 
     patches: int
     factor_cache_bytes: int
@@ -42,12 +42,14 @@ def make_plan(
 
     Six patches, fewer on a mesh of less than 600 faces, more where they would have more than 200,000 vertices, where there are
     more workers, or where memory is short: the working set of a pass is that of one patch a process. What memory is then left
-    goes to factors that are kept for the second pass. Raises InputError where the limit is too low for the mesh.
+    goes to factors that are kept, where seams are solved exactly. Raises InputError where the limit is too low for the mesh.
     """
     processes = max(1, workers)
     room: float = math.inf
     if memory_limit_bytes is not None:
-        taken = _DRIVER + _DRIVER_PER_VERTEX * vertex_count + (processes * _PROCESS if workers else 0)
+        is_closed = face_count >= 2 * (vertex_count - 2)
+        per_vertex = _DRIVER_PER_VERTEX_CLOSED if is_closed else _DRIVER_PER_VERTEX
+        taken = _DRIVER + per_vertex * vertex_count + (processes * _PROCESS if workers else 0)
         room = (memory_limit_bytes - taken) / processes
     if patches is None:
         patches = max(fewest, min(DEFAULT_PATCHES, face_count // _FEWEST_FACES))
