@@ -53,8 +53,8 @@ def partition_faces(vertices: FloatArray, faces: IntArray, twins: IntArray, part
     size = int(np.clip(len(faces) // (_CLUSTERS_PER_PART * part_count), 1, _LARGEST_CLUSTER))
     cluster, sizes, graph = cluster_graph(twins, lengths, size)
     labels: IntArray = kway_labels(graph, part_count, seed, sizes).astype(np.int32)[cluster]
-    labels = make_disks(vertices, faces, twins, labels, part_count)
     starts = vertex_starts(faces, twins, len(vertices))
+    labels = make_disks(vertices, faces, twins, labels, part_count, lengths, starts)
     limit = max(int(_BALANCE * len(faces) / part_count), int(np.bincount(labels).max()))
     rings = int(np.clip(_BAND * np.sqrt(len(faces) / part_count), _NARROWEST, _WIDEST))
     for _ in range(_STRAIGHTENINGS):

@@ -200,19 +200,30 @@ def _split_largest(twins: IntArray, lengths: FloatArray, labels: IntArray) -> In
     return labels
 
 
-def make_disks(vertices: FloatArray, faces: IntArray, twins: IntArray, labels: IntArray, part_count: int) -> IntArray:
+def make_disks(
+    vertices: FloatArray,
+    faces: IntArray,
+    twins: IntArray,
+    labels: IntArray,
+    part_count: int,
+    lengths: FloatArray | None = None,
+    starts: IntArray | None = None,
+) -> IntArray:
     """Labels near the given ones whose parts are all disks, ``part_count`` of them. Deterministic.
 
-    Raises PartitionError where the surface cannot carry that many disks.
+    lengths and starts as from ``edge_lengths`` and ``vertex_starts``, where they are there already. Raises PartitionError where
+    the surface cannot carry that many disks.
     """
-    starts = vertex_starts(faces, twins, len(vertices))
+    if starts is None:
+        starts = vertex_starts(faces, twins, len(vertices))
     labels = _drop_empty(labels.astype(np.int32))
     for _ in range(_ROUNDS):
         count = int(labels.max()) + 1
         report = check_partition(faces, twins, labels, count, starts)
         if report.is_valid and count >= part_count:
             break
-        lengths = edge_lengths(vertices, faces)
+        if lengths is None:
+            lengths = edge_lengths(vertices, faces)
         if (report.component_count != 1).any():
             labels = _drop_empty(_join_pieces(twins, lengths, labels))
             continue

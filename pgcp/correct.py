@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgcp.beltrami import folded_faces, folded_faces_on_sphere
+from pgcp.beltrami import find_folds
 from pgcp.distortion import as_points, corner_angles, mean_distortion, mean_turned_error
 from pgcp.mobius import (
     AreaSample,
@@ -26,6 +26,7 @@ from pgcp.mobius import (
 from pgcp.operators import face_areas
 from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Positions
 
+Objective = Callable[[FloatArray], float]
 _ANGLE_SAMPLE = 20_000
 _SHARES = (1.0, 0.7, 0.5, 0.3, 0.15)
 _ANGLE_LIMIT = 1.01
@@ -108,9 +109,7 @@ def _sampled(count: int) -> IntArray:
     return np.arange(count) if count <= _ANGLE_SAMPLE else np.random.default_rng(0).choice(count, _ANGLE_SAMPLE, False)
 
 
-def _angle_objective(
-    mesh: Mesh, positions: Positions, target: str, used: IntArray, face_ids: IntArray
-) -> Callable[[FloatArray], float]:
+def _angle_objective(mesh: Mesh, positions: Positions, target: str, used: IntArray, face_ids: IntArray) -> Objective:
     """Mean |angle error| (radians) of some faces as a function of the parameter."""
     ids, corners = np.unique(mesh.faces[face_ids], return_inverse=True)
     faces = corners.reshape(-1, 3)
@@ -126,17 +125,17 @@ def _angle_objective(
     return mean_error
 
 
-def _least_angle(mesh: Mesh, positions: Positions, target: str, used: IntArray) -> tuple[FloatArray, float]:
+def _least_angle(
+    mesh: Mesh, positions: Positions, target: str, used: IntArray, sample: IntArray, on_sample: Objective
+) -> tuple[FloatArray, float]:
     """Least mean |angle error| of a sample of faces: a scan of the ball, then Nelder-Mead (CDCP section 4.3).
 
     Returns where it is, and its ratio to that of the map as it is.
     """
     from scipy.optimize import minimize
 
-    count = len(mesh.faces)
-    chosen, rng = _sampled(count), np.random.default_rng(1)
-    some = chosen[:: max(1, len(chosen) // _SCAN_SAMPLE)]
-    rough, objective = (_angle_objective(mesh, positions, target, used, ids) for ids in (some, chosen))
+    count, rng = len(mesh.faces), np.random.default_rng(1)
+    rough = _angle_objective(mesh, positions, target, used, sample[:: max(1, len(sample) // _SCAN_SAMPLE)])
     k = 3 if target == "sphere" else 2
     directions = rng.normal(size=(_SCAN_DIRECTIONS, k))
     # away from places on the surface: what is crowded there opens up only when aimed at
@@ -144,7 +143,7 @@ def _least_angle(mesh: Mesh, positions: Positions, target: str, used: IntArray) 
     directions = np.vstack([directions, -aims if target == "sphere" else aims])
     directions /= np.maximum(np.linalg.norm(directions, axis=1), 1e-300)[:, None]
 
-    def descend(objective: Callable[[FloatArray], float], start: FloatArray) -> tuple[float, FloatArray]:
+    def descend(objective: Objective, start: FloatArray) -> tuple[float, FloatArray]:
         """Least value found from a start, and where."""
         simplex = np.vstack([start, start + _SIMPLEX * np.eye(k)])
         options = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-8, "maxiter": _DESCENT_STEPS}
@@ -153,13 +152,8 @@ def _least_angle(mesh: Mesh, positions: Positions, target: str, used: IntArray) 
 
     starts = [np.zeros(k)] + [min((d * size for d in directions), key=rough) for size in _SCAN_DISTANCES]
     best = min((descend(rough, start) for start in starts), key=lambda pair: pair[0])[1]
-    least, found = descend(objective, best)
-    return found, least / max(objective(np.zeros(k)), _TINY)
-
-
-def _folds(mesh: Mesh, positions: Positions) -> int:
-    fold = folded_faces if positions.ndim == 1 else folded_faces_on_sphere
-    return len(fold(mesh.faces, positions))
+    least, found = descend(on_sample, best)
+    return found, least / max(on_sample(np.zeros(k)), _TINY)
 
 
 def _try(
@@ -168,14 +162,14 @@ def _try(
     target: str,
     method: str,
     vector: FloatArray,
+    on_sample: Objective,
     boundary: IntArray,
     used: IntArray,
     before: tuple[float, float],
 ) -> tuple[Positions, Correction]:
     area_before, angle_before = before
-    allowed = _folds(mesh, positions) + int(_FOLD_FRACTION * len(mesh.faces))
+    allowed = len(find_folds(mesh.faces, positions)) + int(_FOLD_FRACTION * len(mesh.faces))
     move = _family(positions, target, _circle_around(positions[used]) if target == "free" else None)
-    on_sample = _angle_objective(mesh, positions, target, used, _sampled(len(mesh.faces)))
     most = (_ANGLE_LIMIT if method == "area" else 1.0) * _SLACK * on_sample(np.zeros(len(vector)))
     for share in _SHARES:
         if on_sample(share * vector) > most:
@@ -185,7 +179,7 @@ def _try(
             moved[boundary] /= np.abs(moved[boundary])
             if not are_apart(moved, boundary):
                 continue
-        if not np.isfinite(moved[used]).all() or _folds(mesh, moved) > allowed:
+        if not np.isfinite(moved[used]).all() or len(find_folds(mesh.faces, moved)) > allowed:
             continue
         area, angle = mean_distortion(mesh, moved)
         better = area < area_before and angle <= _ANGLE_LIMIT * angle_before if method == "area" else angle < angle_before
@@ -202,16 +196,19 @@ def correct(
 
     positions: complex (V,) or unit vectors (V, 3); boundary (B,) vertices of the loop, none on the sphere; used: ids of
     the vertices that faces use. The area correction is kept where it lowers the mean |d_area| of all faces, raises the
-    mean |angle error| by no more than 1 % and folds next to nothing, the angle correction where it lowers the mean |angle
-    error|; where the whole way does not do so, shorter ways are tried. Folds are to be repaired after it. ``auto`` is the
-    angle correction where that gains more than 1 %, else the area correction.
+    mean |angle error| by no more than 1 % and folds next to nothing, the angle correction where it lowers the mean
+    |angle error|; where the whole way does not do so, shorter ways are tried, but for those that a sample of the faces
+    rules out. Folds are to be repaired after it. ``auto`` is the angle correction where that gains more than 1 %, else
+    the area correction.
     """
     before = mean_distortion(mesh, positions)
+    sample = _sampled(len(mesh.faces))
+    on_sample = _angle_objective(mesh, positions, target, used, sample)
     if method != "area":
-        vector, ratio = _least_angle(mesh, positions, target, used)
+        vector, ratio = _least_angle(mesh, positions, target, used, sample, on_sample)
         if method == "angle" or ratio < _PROMISING:
-            moved, correction = _try(mesh, positions, target, "angle", vector, boundary, used, before)
+            moved, correction = _try(mesh, positions, target, "angle", vector, on_sample, boundary, used, before)
             if method == "angle" or correction.angle_mean_after_deg < _WORTH * correction.angle_mean_before_deg:
                 return moved, correction
     vector = _least_area(mesh, positions, target, used)
-    return _try(mesh, positions, target, "area", vector, boundary, used, before)
+    return _try(mesh, positions, target, "area", vector, on_sample, boundary, used, before)

@@ -423,41 +423,34 @@ def test_a_disk_that_has_no_room_for_the_patches_stops_the_run(small_disk, place
 # 8. files of the store are lost
 
 
+def losing(kind, which, place, stage, *arguments):
+    """How a run ends that loses records while a stage is held."""
+    place.hold(stage)
+    process = place.start("--quiet", *arguments)
+    place.held(process, stage)
+    for index in which:
+        place.record(kind, index).unlink()
+    place.go()
+    return place.end_of(process)
+
+
 @pytest.mark.parametrize("which", [[2], list(range(PATCHES))])
 def test_patches_lost_between_the_passes_are_stored_again(which, place, reference):
-    place.hold("weld")
-    process = place.start("--quiet")
-    place.held(process, "weld")
-    for index in which:
-        place.record("patch", index).unlink()
-    place.go()
-    assert place.end_of(process) == GOOD
+    assert losing("patch", which, place, "weld") == GOOD
     assert_same(place, reference)
     assert place.done() == ONCE
 
 
 def test_a_patch_lost_before_a_worker_opens_it_is_stored_again(cluster, place, reference):
     cluster.have_workers(2)
-    place.hold("weld")
-    process = place.start("--quiet", "--scheduler", cluster.address)
-    place.held(process, "weld")
-    for index in (1, 4):
-        place.record("patch", index).unlink()
-    place.go()
-    assert place.end_of(process) == GOOD
+    assert losing("patch", (1, 4), place, "weld", "--scheduler", cluster.address) == GOOD
     assert_same(place, reference)
     assert place.done() - ONCE == Counter()
 
 
 @pytest.mark.parametrize("which", [[3], list(range(PATCHES - 1))])
 def test_maps_lost_after_the_second_pass_are_solved_again(which, place, reference):
-    place.hold("gather")
-    process = place.start("--quiet")
-    place.held(process, "gather")
-    for index in which:
-        place.record("map", index).unlink()
-    place.go()
-    assert place.end_of(process) == GOOD
+    assert losing("map", which, place, "gather") == GOOD
     assert_same(place, reference)
     assert place.done() == ONCE + Counter(("solve", index) for index in which)
 
