@@ -11,7 +11,7 @@ import numpy as np
 from pgcp.assemble import used_vertices
 from pgcp.beltrami import find_folds
 from pgcp.by_interface import map_exactly, map_to_disk
-from pgcp.by_welds import flatten, solve, weld
+from pgcp.by_welds import Welding, flatten, solve, weld
 from pgcp.correct import Correction, correct
 from pgcp.curves import crossings
 from pgcp.errors import CrowdedError, NumericalError, PartitionInputError, SolveFailedError, WeldFailedError
@@ -20,7 +20,7 @@ from pgcp.options import DISK_METHODS
 from pgcp.repair import Repaired, Surroundings, embedding_alone, repair_folds
 from pgcp.run import Mapped, Parts, Run, discard, store_parts
 from pgcp.split import plans
-from pgcp.types import ComplexArray, IntArray, Positions, SeamPositions
+from pgcp.types import BoundaryCurve, ComplexArray, IntArray, Positions, SeamPositions
 
 _SEEDS = 3
 _CORRECTION = {"free": "none", "disk": "auto", "sphere": "auto"}
@@ -168,17 +168,20 @@ def _welded_maps(run: Run, parts: Parts, failures: list[dict[str, Any]]) -> Iter
     """Welds in several orders, until enough maps of so many patches had folds."""
     if _are_enough(failures, parts.split.patch_count):
         return
-    try:
-        curves = flatten(run, parts)
-    except _PROBLEMS as problem:
-        yield _note(parts, "flatten"), problem
-        return
-    pieces = [c.pieces for c in curves]
+    curves: list[BoundaryCurve] | None = None
     for order, plan in plans(parts.split, closed=not run.topology.loops):
         if _are_enough(failures, parts.split.patch_count):
             return
+        welding = Welding(run, parts, plan, order)
+        if curves is None:
+            try:
+                curves = flatten(run, parts, plan, welding)
+            except _PROBLEMS as problem:
+                yield _note(parts, "flatten"), problem
+                return
+            pieces = [c.pieces for c in curves]
         try:
-            union, welds = weld(run, parts, curves, plan, order)
+            union, welds = weld(run, parts, curves, plan, welding)
             yield _note(parts, order), solve(run, parts, pieces, plan, union, welds, run.target, order)
         except _PROBLEMS as problem:
             yield _note(parts, order), problem

@@ -9,7 +9,7 @@ from typing import Any
 from pgcp.constrain import constrain_to_disk, constrain_to_sphere, keep_free
 from pgcp.errors import LostFileError
 from pgcp.exact import InterfaceFactor
-from pgcp.executors import Join
+from pgcp.executors import Join, Joining
 from pgcp.run import Mapped, Parts, Run, gathered, mapped_through_store, spread_out
 from pgcp.tasks import SolveReport, flatten_task, relax_task, solve_task, weld_task
 from pgcp.types import BoundaryCurve, ComplexArray, Component, Positions, WeldPlan
@@ -18,41 +18,55 @@ from pgcp.weld import start_component
 CONSTRAIN = {"free": keep_free, "disk": constrain_to_disk, "sphere": constrain_to_sphere}
 
 
-def flatten(run: Run, parts: Parts) -> list[BoundaryCurve]:
-    """Flatten all patches."""
-    items = {patch.index: patch.index for patch in parts.patches}
-    with run.clock.stage("flatten"):
-        return mapped_through_store(run, parts, "flatten", "curve", BoundaryCurve, partial(flatten_task, parts.job), items)
+class Welding(Joining):
+    """The welds of a plan, those whose unions are not in the store already; ``put_curve`` gives a patch's boundary."""
 
-
-def weld(
-    run: Run, parts: Parts, curves: list[BoundaryCurve], plan: WeldPlan, order: float
-) -> tuple[Component, tuple[dict[str, int], ...]]:
-    """Weld all patches by a plan, each pair as soon as both are there; a single patch gets its natural boundary.
-
-    Unions that are in the store already are not made again.
-    """
-    kind = f"union-{order:g}"
-    wanted, values, joins = {2 * parts.split.patch_count - 2}, dict[int, Component](), list[Join]()
-    with run.clock.stage("weld"):
+    def __init__(self, run: Run, parts: Parts, plan: WeldPlan, order: float) -> None:
+        kind = f"union-{order:g}"
+        self._needed, unions, joins = {2 * parts.split.patch_count - 2}, dict[int, Component](), list[Join]()
         for step in reversed(plan.steps):
-            if step.result not in wanted:
+            if step.result not in self._needed:
                 continue
             if parts.store.has(kind, step.result):
                 with suppress(LostFileError):
-                    values[step.result] = parts.store.read(kind, step.result, Component)
+                    unions[step.result] = parts.store.read(kind, step.result, Component)
                     continue
-            wanted |= {step.left, step.right}
+            self._needed |= {step.left, step.right}
             task = partial(weld_task, parts.job, kind, step.result, step.closed)
             joins.append(Join(step.left, step.right, step.result, task))
+        super().__init__("weld", joins[::-1], len(plan.steps) - len(joins))
+        for name, union in unions.items():
+            self.put(name, union)
+        self._vertices, self._edges = run.mesh.vertices, parts.split.edges
+
+    def put_curve(self, curve: BoundaryCurve) -> None:
+        """Give a patch's boundary curve, where a weld needs it."""
+        if curve.patch in self._needed:
+            self.put(curve.patch, start_component(curve, self._vertices, self._edges))
+
+
+def flatten(run: Run, parts: Parts, plan: WeldPlan, welding: Welding) -> list[BoundaryCurve]:
+    """Flatten all patches, and meanwhile weld by a plan what is there: first the patches that are at the bottom of its tree."""
+    items = {patch.index: patch.index for patch in parts.patches}
+    level = {leaf: step.level for step in plan.steps for leaf in (step.left, step.right)}
+    with run.clock.stage("flatten"):
+        return mapped_through_store(
+            run, parts, "flatten", "curve", BoundaryCurve, partial(flatten_task, parts.job), items,
+            lambda index: (level.get(index, 0), -parts.patches[index].vertex_count), welding.put_curve, welding,
+        )  # fmt: skip
+
+
+def weld(
+    run: Run, parts: Parts, curves: list[BoundaryCurve], plan: WeldPlan, welding: Welding
+) -> tuple[Component, tuple[dict[str, int], ...]]:
+    """Do all welds of a plan that are left, each pair as soon as both are there; a single patch gets its natural boundary."""
+    with run.clock.stage("weld"):
         for curve in curves:
-            if curve.patch in wanted:
-                values[curve.patch] = start_component(curve, run.mesh.vertices, parts.split.edges)
+            welding.put_curve(curve)
         if parts.split.patch_count == 1:
-            values = dict(enumerate(run.executor.map("weld", relax_task, list(values.values()))))
+            (union,) = run.executor.map("weld", relax_task, list(welding.values.values()))
         else:
-            values = run.executor.join("weld", joins[::-1], values, len(plan.steps) - len(joins))
-    (union,) = values.values()
+            (union,) = run.executor.join(welding).values()
     notes = [{"left": s.left, "right": s.right, "level": s.level, "seam_edges": s.seam_edge_count} for s in plan.steps]
     return union, tuple(notes)
 

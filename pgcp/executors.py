@@ -24,7 +24,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 from threadpoolctl import threadpool_limits
 
 from pgcp.errors import InputError, LostFileError, SolveFailedError, StoppedError
-from pgcp.parallel import leave
+from pgcp.parallel import leave, limited_to
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -32,11 +32,13 @@ Progress = Callable[[str, int, int], None]
 _ANSWER_S = "10s"
 _WORKER_ENVIRONMENT = {
     "DASK_LOGGING__DISTRIBUTED": "critical",  # silence_logs ends before a worker
-    "MALLOC_TRIM_THRESHOLD_": 1
-    << 30,  # memory of one patch serves the next: fresh pages cost as much as the arithmetic on them
-    "MALLOC_MMAP_THRESHOLD_": 1 << 25,
+    # memory of one patch serves the next: fresh pages cost as much as the arithmetic on them
+    "MALLOC_ARENA_MAX": 1,
+    "MALLOC_MMAP_MAX_": 0,
+    "MALLOC_TRIM_THRESHOLD_": 1 << 30,
 }
 _LOOK_S = 2.0
+_JOINS_FIRST = 1  # of all tasks: what is joined at last waits for every join before it
 _MOST_TRIES = 5
 _RESTART_S = 10.0
 
@@ -50,6 +52,41 @@ class Join(NamedTuple):
     function: Callable[[tuple[Any, Any]], Any]
 
 
+class Joining:
+    """Joins along a tree, each to be done as soon as what it needs is there.
+
+    ``put`` gives what they begin with, under names; ``values`` are those nothing has been made of yet, ``waiting`` the joins
+    that have not begun. After a problem no more are begun. ``done`` more joins count as finished in what progress says.
+    """
+
+    def __init__(self, stage: str, joins: Sequence[Join], done: int = 0) -> None:
+        self.stage = stage
+        self.finished, self.total = done, done + len(joins)
+        self.values: dict[int, Any] = {}
+        self.problem: Exception | None = None
+        self.waiting = list(joins)
+        self._seen: set[int] = set()
+
+    def put(self, name: int, value: Any) -> None:
+        """Give a value; one that was given before is not needed again."""
+        if name not in self._seen:
+            self._seen.add(name)
+            self.values[name] = value
+
+    def take_ready(self) -> list[tuple[Join, tuple[Any, Any]]]:
+        """What can be joined now, with its values."""
+        if self.problem is not None:
+            return []
+        ready = [node for node in self.waiting if node.left in self.values and node.right in self.values]
+        self.waiting = [node for node in self.waiting if node not in ready]
+        return [(node, (self.values.pop(node.left), self.values.pop(node.right))) for node in ready]
+
+    def keep(self, name: int, value: Any) -> None:
+        """Take what has been joined."""
+        self.put(name, value)
+        self.finished += 1
+
+
 @dataclass(frozen=True, slots=True)
 class Security:
     """Files for TLS: certificate of the authority, own certificate and key, all PEM."""
@@ -57,6 +94,20 @@ class Security:
     ca: Path
     certificate: Path
     key: Path
+
+
+def silent(_stage: str, _done: int, _total: int) -> None:
+    """Report no progress."""
+
+
+def ignore(_result: object) -> None:
+    """Do nothing with a result that has come in."""
+
+
+def _count(taken: dict[str, dict[str, float]], stage: str, seconds: float) -> None:
+    record = taken.setdefault(stage, {"count": 0, "seconds": 0.0})
+    record["count"] += 1
+    record["seconds"] = round(record["seconds"] + seconds, 4)
 
 
 class Executor(Protocol):
@@ -69,15 +120,23 @@ class Executor(Protocol):
         items: Sequence[Item],
         places: Sequence[int] | None = None,
         done: int = 0,
+        each: Callable[[Result], None] = ignore,
+        beside: Joining | None = None,
     ) -> list[Result]:
         """Apply function to every item. Items prefer the worker that had the same place (by default, position) before.
 
-        ``done`` more items count as finished in what progress says.
+        ``done`` more items count as finished in what progress says. ``each`` is called with every result as it comes in.
+        Joins ``beside`` may be begun meanwhile; ``join`` waits for them.
         """
         ...
 
-    def join(self, stage: str, joins: Sequence[Join], values: dict[int, Any], done: int = 0) -> dict[int, Any]:
-        """Join values along a tree, each node as soon as what it needs is there; returns the values nothing is made of."""
+    def join(self, joining: Joining) -> dict[int, Any]:
+        """Do the joins that are left; returns the values nothing is made of, or raises the problem of one of them."""
+        ...
+
+    @property
+    def taken(self) -> dict[str, dict[str, float]]:
+        """How many tasks each stage had, and the seconds they took where they ran, added up."""
         ...
 
     def everywhere(self, function: Callable[[], None]) -> None:
@@ -104,15 +163,12 @@ def _peak_bytes() -> int:
     return int(peak if sys.platform == "darwin" else peak * 1024)
 
 
-def silent(_stage: str, _done: int, _total: int) -> None:
-    """Report no progress."""
-
-
 class SerialExecutor(AbstractContextManager["SerialExecutor"]):
     """One task after the other in this process: the reference."""
 
     def __init__(self, progress: Progress = silent) -> None:
         self._progress = progress
+        self.taken: dict[str, dict[str, float]] = {}
 
     def map(
         self,
@@ -121,33 +177,37 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
         items: Sequence[Item],
         places: Sequence[int] | None = None,
         done: int = 0,
+        each: Callable[[Result], None] = ignore,
+        beside: Joining | None = None,
     ) -> list[Result]:
-        """See Executor."""
+        """See Executor. Joins wait: there is one process."""
         total = done + len(items)
         out = []
         self._progress(stage, done, total)
         for item in items:
             out.append(self._computed(stage, function, item))
+            each(out[-1])
             self._progress(stage, done + len(out), total)
         return out
 
-    def join(self, stage: str, joins: Sequence[Join], values: dict[int, Any], done: int = 0) -> dict[int, Any]:
+    def join(self, joining: Joining) -> dict[int, Any]:
         """See Executor."""
-        values, total = dict(values), done + len(joins)
-        self._progress(stage, done, total)
-        for number, node in enumerate(joins, 1):
-            pair = values.pop(node.left), values.pop(node.right)
-            values[node.result] = self._computed(stage, node.function, pair)
-            self._progress(stage, done + number, total)
-        return values
+        self._progress(joining.stage, joining.finished, joining.total)
+        while ready := joining.take_ready():
+            for node, pair in ready:
+                joining.keep(node.result, self._computed(joining.stage, node.function, pair))
+                self._progress(joining.stage, joining.finished, joining.total)
+        return joining.values
 
-    @staticmethod
-    def _computed(stage: str, function: Callable[[Item], Result], item: Item) -> Result:
+    def _computed(self, stage: str, function: Callable[[Item], Result], item: Item) -> Result:
+        start = time.perf_counter()
         try:
             with threadpool_limits(1):
-                return function(item)
+                result = function(item)
         except MemoryError as problem:
             raise SolveFailedError(f"stage {stage} ran out of memory") from problem
+        _count(self.taken, stage, time.perf_counter() - start)
+        return result
 
     def everywhere(self, function: Callable[[], None]) -> None:
         """See Executor."""
@@ -200,10 +260,15 @@ def _start_cluster(workers: int) -> Any:
     """Start worker processes, reached from this machine only; raises InputError where the main script does not let them."""
     import dask
     from distributed import LocalCluster
+    from distributed.utils import get_mp_context
 
-    environment = {f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in _WORKER_ENVIRONMENT.items()}
+    settings: dict[str, Any] = {f"distributed.nanny.pre-spawn-environ.{name}": v for name, v in _WORKER_ENVIRONMENT.items()}
+    if sys.platform == "linux":  # elsewhere libraries do not bear it
+        settings["distributed.worker.multiprocessing-method"] = "forkserver"
     try:
-        with _interrupts_for_this_process_only(), dask.config.set(environment):
+        with _interrupts_for_this_process_only(), dask.config.set(settings):
+            if sys.platform == "linux":
+                get_mp_context().set_forkserver_preload(["distributed", "pgcp.tasks"])  # all import once
             return LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
@@ -229,11 +294,14 @@ def _warm_up_here(warm: Callable[[], None]) -> None:
     warm()
 
 
-def _run_located(function: Callable[[Any], Any], item: Any) -> tuple[str, Any]:
+def _run_located(function: Callable[[Any], Any], item: Any, processors: int) -> tuple[str, float, Any]:
+    """Where function(item) was computed, in how many seconds, and what it is."""
     from distributed import get_worker
 
-    with threadpool_limits(1):
-        return get_worker().address, function(item)
+    start = time.perf_counter()
+    with threadpool_limits(1), limited_to(processors):
+        result = function(item)
+    return get_worker().address, time.perf_counter() - start, result
 
 
 @contextmanager
@@ -273,21 +341,44 @@ def _at_scheduler(scheduler: str | None, scheduler_file: Path | None, security: 
         raise InputError(f"no dask scheduler answers at {where}: {problem}") from problem
 
 
+def _said(stage: str, problem: Exception) -> Exception:
+    """What went wrong with a task, in this package's errors where they say it better."""
+    from distributed.scheduler import KilledWorker
+
+    said: Exception
+    if isinstance(problem, KilledWorker):
+        said = StoppedError(f"stage {stage}: workers died again and again, most likely for lack of memory ({problem})")
+    elif isinstance(problem, MemoryError):
+        said = SolveFailedError(f"stage {stage} ran out of memory on a worker")
+    elif isinstance(problem, RuntimeError) and "deserialization" in str(problem):
+        said = InputError(
+            "the cluster cannot load this run's tasks: install pgcp, in one version, on its scheduler and workers"
+        )
+    else:
+        return problem
+    said.__cause__ = problem
+    return said
+
+
 @dataclass(slots=True, eq=False)
 class _Task:
     """A function to be applied to an item, wanted under a name, on the worker that has held its place before."""
 
+    stage: str
     name: int
     place: int
     function: Callable[[Any], Any]
     item: Any
+    joining: Joining | None = None
+    processors: int = 1
     tries: int = 0
 
 
 class DaskExecutor(AbstractContextManager["DaskExecutor"]):
     """Tasks on dask workers: a local cluster of processes, or a running cluster.
 
-    A local cluster is started in the background: whatever is called first waits for it. ``warm`` is called in each worker
+    A local cluster is started in the background: whatever is called first waits for it. It has a processor a worker: joins
+    that leave workers idle use theirs. ``warm`` is called in each worker
     before its first task. A task whose worker is lost is run again, as are all when the scheduler comes back after it was lost;
     where there is no scheduler or no worker for ``patience_s`` seconds the run is stopped. A file that one task finds lost is
     said when the others have finished.
@@ -307,8 +398,11 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
     ) -> None:
         self._run = run
         self._progress = progress
+        self._workers_here = workers
         self._places: dict[int, str] = {}
-        self._calls = 0
+        self._active: dict[Any, _Task] = {}
+        self._submitted = 0
+        self.taken: dict[str, dict[str, float]] = {}
         self._warm = warm
         self._warming: list[Any] = []
         self._cluster: Any = None
@@ -373,130 +467,132 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         items: Sequence[Item],
         places: Sequence[int] | None = None,
         done: int = 0,
+        each: Callable[[Result], None] = ignore,
+        beside: Joining | None = None,
     ) -> list[Result]:
         """See Executor."""
+        self._await_start()
         numbers = range(len(items)) if places is None else places
-        tasks = [_Task(k, place, function, item) for k, (place, item) in enumerate(zip(numbers, items, strict=True))]
-        out: dict[int, Any] = {}
-
-        def keep(task: _Task, result: Any) -> list[_Task]:
-            """Keep one result."""
-            out[task.name] = result
-            return []
-
-        self._drive(stage, tasks, keep, done, done + len(tasks))
+        total, out = done + len(items), dict[int, Any]()
+        lost: LostFileError | None = None
+        self._progress(stage, done, total)
+        with self._none_left_behind():
+            for k, (place, item) in enumerate(zip(numbers, items, strict=True)):
+                self._submit(_Task(stage, k, place, function, item))
+            self._begin_joins(beside)
+            while any(task.joining is None for task in self._active.values()):
+                for task, result, problem in self._results(stage):
+                    if task.joining is not None:
+                        self._take_joined(task.joining, task, result, problem)
+                    elif isinstance(problem, LostFileError):
+                        lost = problem
+                    elif problem is not None:
+                        raise problem
+                    else:
+                        out[task.name] = result
+                        each(result)
+                        self._progress(stage, done + len(out), total)
+                    self._begin_joins(beside)
+        if lost is not None:
+            raise lost
         return [out[k] for k in range(len(items))]
 
-    def join(self, stage: str, joins: Sequence[Join], values: dict[int, Any], done: int = 0) -> dict[int, Any]:
+    def join(self, joining: Joining) -> dict[int, Any]:
         """See Executor."""
-        values, waiting = dict(values), list(joins)
+        self._await_start()
+        self._progress(joining.stage, joining.finished, joining.total)
+        with self._none_left_behind():
+            self._begin_joins(joining)
+            while joining.problem is None and self._active:
+                for task, result, problem in self._results(joining.stage):
+                    self._take_joined(joining, task, result, problem)
+                    self._begin_joins(joining)
+            if joining.problem is not None:
+                raise joining.problem
+        return joining.values
 
-        def ready() -> list[_Task]:
-            """What can be joined, with its values taken."""
-            found = [node for node in waiting if node.left in values and node.right in values]
-            for node in found:
-                waiting.remove(node)
-            return [
-                _Task(node.result, node.result, node.function, (values.pop(node.left), values.pop(node.right)))
-                for node in found
-            ]
+    def _begin_joins(self, joining: Joining | None) -> None:
+        if joining is None:
+            return
+        ready = joining.take_ready()
+        share = max(1, self._workers_here // max(1, len(self._active) + len(ready)))
+        for node, pair in ready:
+            self._submit(_Task(joining.stage, node.result, node.result, node.function, pair, joining, share))
 
-        def keep(task: _Task, result: Any) -> list[_Task]:
-            """Keep a union; what can be joined now."""
-            values[task.name] = result
-            return ready()
+    def _take_joined(self, joining: Joining, task: _Task, result: Any, problem: Exception | None) -> None:
+        if problem is not None:
+            joining.problem = joining.problem or problem
+            return
+        joining.keep(task.name, result)
+        self._progress(joining.stage, joining.finished, joining.total)
 
-        self._drive(stage, ready(), keep, done, done + len(joins))
-        return values
-
-    def _submit(self, stage: str, task: _Task) -> Any:
+    def _submit(self, task: _Task) -> None:
         if self._client.status != "running":
-            self._await_cluster(stage, None)
+            self._await_cluster(task.stage, None)
         place = self._places.get(task.place)
         here = place is not None
         task.tries += 1
-        return self._client.submit(
+        self._submitted += 1
+        future = self._client.submit(
             _run_located,
             task.function,
             task.item,
-            key=f"pgcp-{self._run}-{self._calls}-{stage}-{task.name}-{task.tries}",
+            task.processors,
+            key=f"pgcp-{self._run}-{self._submitted}-{task.stage}-{task.name}-{task.tries}",
             workers=[place] if here else None,
             allow_other_workers=here,
+            priority=0 if task.joining is None else _JOINS_FIRST,
             pure=False,
         )
+        self._active[future] = task
 
-    def _drive(
-        self, stage: str, tasks: list[_Task], then: Callable[[_Task, Any], list[_Task]], finished: int, total: int
-    ) -> None:
-        """Run tasks, and those that follow from their results, until none is left."""
-        self._await_start()
+    def _results(self, stage: str) -> Iterator[tuple[_Task, Any, Exception | None]]:
+        """Tasks that are done, once there are some, with their results or their problems; those that are lost run again."""
         from distributed import CancelledError
         from distributed import TimeoutError as TooLateError
-        from distributed.scheduler import KilledWorker
 
-        self._calls += 1
-        self._progress(stage, finished, total)
-        active: dict[Any, _Task] = {}
-        lost: LostFileError | None = None
+        for future in self._next_done(stage):
+            task = self._active.pop(future)
+            try:
+                self._places[task.place], seconds, result = future.result(timeout=self.patience_s)
+            except Exception as problem:
+                if future.status == "error" or not isinstance(problem, (CancelledError, TooLateError, OSError)):
+                    yield task, None, _said(task.stage, problem)  # the task's own
+                    continue
+                self._await_cluster(stage, problem)
+                if task.tries >= _MOST_TRIES:
+                    raise StoppedError(f"stage {stage}: the scheduler was lost {task.tries} times") from problem
+                self._submit(task)
+                continue
+            _count(self.taken, task.stage, seconds)
+            yield task, result, None
+
+    @contextmanager
+    def _none_left_behind(self) -> Iterator[None]:
+        """Tasks still under way are cancelled where something goes wrong."""
         try:
-            for task in tasks:
-                active[self._submit(stage, task)] = task
-            while active:
-                for future in self._next_done(stage, active):
-                    task = active.pop(future)
-                    try:
-                        self._places[task.place], result = future.result(timeout=self.patience_s)
-                    except LostFileError as problem:
-                        lost = problem
-                        continue
-                    except (CancelledError, TooLateError, OSError) as problem:
-                        if future.status == "error":  # the task's own
-                            raise
-                        self._await_cluster(stage, problem)
-                        if task.tries >= _MOST_TRIES:
-                            raise StoppedError(f"stage {stage}: the scheduler was lost {task.tries} times") from problem
-                        active[self._submit(stage, task)] = task
-                        continue
-                    finished += 1
-                    self._progress(stage, finished, total)
-                    for new in then(task, result):
-                        active[self._submit(stage, new)] = new
-        except KilledWorker as problem:
-            raise StoppedError(
-                f"stage {stage}: workers died again and again, most likely for lack of memory ({problem})"
-            ) from problem
-        except MemoryError as problem:
-            raise SolveFailedError(f"stage {stage} ran out of memory on a worker") from problem
-        except RuntimeError as problem:
-            if "deserialization" in str(problem):
-                message = "the cluster cannot load this run's tasks: install pgcp, in one version, on its scheduler and workers"
-                raise InputError(message) from problem
+            yield
+        except BaseException:
+            with suppress(Exception):  # there may be no scheduler that could
+                self._client.cancel(list(self._active), force=True)
+            self._active.clear()
             raise
-        finally:
-            if active:
-                self._cancel(active)
-        if lost is not None:
-            raise lost
 
-    def _cancel(self, futures: dict[Any, _Task]) -> None:
-        with suppress(Exception):  # there may be no scheduler that could
-            self._client.cancel(list(futures), force=True)
-
-    def _next_done(self, stage: str, futures: dict[Any, _Task]) -> list[Any]:
+    def _next_done(self, stage: str) -> list[Any]:
         """Futures that are done or cancelled, in the order of their names, once there is one."""
         from distributed import CancelledError, wait
         from distributed import TimeoutError as TooLateError
 
         while True:
             try:
-                wait(list(futures), timeout=_LOOK_S, return_when="FIRST_COMPLETED")
+                wait(list(self._active), timeout=_LOOK_S, return_when="FIRST_COMPLETED")
             except TooLateError:
                 self._await_cluster(stage, None)
             except CancelledError:  # a lost scheduler cancels what is waited for
                 pass
-            done = [future for future in futures if future.status in ("finished", "error", "cancelled")]
+            done = [future for future in self._active if future.status in ("finished", "error", "cancelled")]
             if done:
-                return sorted(done, key=lambda future: futures[future].name)
+                return sorted(done, key=lambda future: self._active[future].name)
 
     def _await_cluster(self, stage: str, problem: BaseException | None) -> None:
         """Wait until there are a scheduler and workers; raises StoppedError where there are none for too long."""

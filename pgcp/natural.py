@@ -17,10 +17,12 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from pgcp.parallel import in_parts
 from pgcp.types import ComplexArray, FloatArray, IntArray
 
 _MAX_PANELS = 1200
 _GROUP, _TERMS, _AWAY = 24, 26, 4.0  # panels summed at once from four radii on: 4^-26 is 2e-16
+_LEAST_ROWS, _LEAST_POINTS = 256, 2048  # worth a thread
 _FAR = 0.01  # squared: panels seen from ten times their half-length on
 
 
@@ -57,17 +59,17 @@ def _panel(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _angle_matrix(x: FloatArray, y: FloatArray, starts: IntArray, reach: FloatArray) -> FloatArray:
-    """Mean angle / 2 pi under which each panel (column) is seen from the edge midpoints of each panel (row)."""
+def _angle_rows(x: FloatArray, y: FloatArray, starts: IntArray, reach: FloatArray, begin: int, stop: int) -> FloatArray:
+    """Mean angle / 2 pi under which each panel (column) is seen from the edge midpoints of panels (rows) begin to stop."""
     count = starts.shape[0] - 1
-    out = np.zeros((count, count))
-    for row in range(count):
+    out = np.zeros((stop - begin, count))
+    for row in range(begin, stop):
         share = 1.0 / (2.0 * np.pi * (starts[row + 1] - starts[row]))
         for e in range(starts[row], starts[row + 1]):
             px, py = 0.5 * (x[e] + x[e + 1]), 0.5 * (y[e] + y[e + 1])
             for column in range(count):
                 _, angle = _panel(px, py, x, y, starts[column], starts[column + 1], reach[column], e)
-                out[row, column] += share * angle
+                out[row - begin, column] += share * angle
     return out
 
 
@@ -103,7 +105,7 @@ def _moments(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _cauchy(
+def _phi_at(
     points: ComplexArray,
     own: IntArray,
     x: FloatArray,
@@ -111,12 +113,14 @@ def _cauchy(
     starts: IntArray,
     reach: FloatArray,
     density: FloatArray,
+    centres: ComplexArray,
+    radii: FloatArray,
+    moments: ComplexArray,
 ) -> ComplexArray:
     """Phi at points inside the boundary or, where own >= 0, at the midpoint of that boundary edge.
 
-    Groups of panels that are far from a point are summed by their moments, to rounding.
+    Groups of panels that are far from a point are summed by their moments (see ``_moments``), to rounding.
     """
-    centres, radii, moments = _moments(x, y, starts, density)
     out = np.empty(points.shape[0], np.complex128)
     for i in range(points.shape[0]):
         px, py = points[i].real, points[i].imag
@@ -143,6 +147,22 @@ def _cauchy(
                 im -= density[k] * log_ratio
         out[i] = complex(re, im) / (2.0 * np.pi)
     return out
+
+
+def _cauchy(
+    points: ComplexArray,
+    own: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    starts: IntArray,
+    reach: FloatArray,
+    density: FloatArray,
+) -> ComplexArray:
+    """Phi at points (n,); see ``_phi_at``."""
+    given = x, y, starts, reach, density, *_moments(x, y, starts, density)
+    return np.concatenate(
+        in_parts(lambda begin, end: _phi_at(points[begin:end], own[begin:end], *given), len(points), _LEAST_POINTS)
+    )
 
 
 @numba.njit(cache=True, nogil=True)
@@ -272,8 +292,9 @@ def natural_boundary(
     reach = 1.5 * np.add.reduceat(steps, starts[:-1])
     data = np.add.reduceat(log_scale, starts[:-1]) / np.diff(starts)
     x, y = np.append(s.real, s.real[0]), np.append(s.imag, s.imag[0])
+    rows = in_parts(lambda begin, end: _angle_rows(x, y, starts, reach, begin, end), len(data), _LEAST_ROWS)
     try:
-        density = np.linalg.solve(_angle_matrix(x, y, starts, reach), -strength * data)
+        density = np.linalg.solve(np.concatenate(rows), -strength * data)
     except np.linalg.LinAlgError:
         return np.full(n, complex(np.nan, np.nan))
     own = np.full(len(edges), -1, np.int64)

@@ -1,4 +1,4 @@
-"""Compiled loops over long arrays on all processors of this process: in slices, whose results come back in order.
+"""Compiled loops over long arrays on the processors of this process: in slices, whose results come back in order.
 
 The slices depend on the length alone, so sums of their results have the same bits on any machine.
 """
@@ -6,13 +6,19 @@ The slices depend on the length alone, so sums of their results have the same bi
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from contextvars import ContextVar, copy_context
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
 
 Result = TypeVar("Result")
 _SLICE = 1 << 18
+_STRIDE = 64  # parts begin at its multiples, so that loops that take several elements at once take the same ones
+_LIMIT: ContextVar[int | None] = ContextVar("limit", default=None)
 
 
 def leave(status: int) -> None:
@@ -25,22 +31,40 @@ def leave(status: int) -> None:
 
 
 def processor_count() -> int:
-    """Processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Processors this process may use, here."""
+    there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(there, _LIMIT.get() or there)
+
+
+@contextmanager
+def limited_to(processors: int) -> Iterator[None]:
+    """Use no more processors inside, whatever there are."""
+    before = _LIMIT.set(processors)
+    try:
+        yield
+    finally:
+        _LIMIT.reset(before)
+
+
+def at_once(*functions: Callable[[], Result]) -> list[Result]:
+    """Call functions in as many threads as there are processors, and return what they return."""
+    count = min(processor_count(), len(functions))
+    if count < 2:
+        return [function() for function in functions]
+    with ThreadPoolExecutor(count) as pool:
+        return [future.result() for future in [pool.submit(copy_context().run, function) for function in functions]]
+
+
+def _of_ranges(function: Callable[[int, int], Result], ends: Sequence[int]) -> list[Result]:
+    return at_once(*(partial(function, begin, end) for begin, end in pairwise(ends)))
 
 
 def in_slices(function: Callable[[int, int], Result], length: int) -> list[Result]:
     """function(begin, end) for slices that make up ``length``; worth it where it lets other threads run meanwhile."""
-    ends = [(begin, min(begin + _SLICE, length)) for begin in range(0, length, _SLICE)]
-    if len(ends) < 2 or processor_count() < 2:
-        return [function(*slice_) for slice_ in ends]
-    with ThreadPoolExecutor(processor_count()) as pool:
-        return list(pool.map(lambda slice_: function(*slice_), ends))
+    return _of_ranges(function, [*range(0, length, _SLICE), length])
 
 
-def at_once(*functions: Callable[[], Result]) -> list[Result]:
-    """Call functions in threads of their own, and return what they return."""
-    if processor_count() < 2:
-        return [function() for function in functions]
-    with ThreadPoolExecutor(len(functions)) as pool:
-        return [future.result() for future in [pool.submit(function) for function in functions]]
+def in_parts(function: Callable[[int, int], Result], length: int, least: int) -> list[Result]:
+    """The same in as many parts as there are processors, each of ``least`` or more: for results that are independent."""
+    count = max(1, min(processor_count(), length // max(least, _STRIDE)))
+    return _of_ranges(function, [k * length // count // _STRIDE * _STRIDE for k in range(count)] + [length])

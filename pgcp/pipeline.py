@@ -7,7 +7,7 @@ import json
 import platform
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import asdict, fields, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -28,6 +28,7 @@ from pgcp.files import run_directory
 from pgcp.io import read_cuts, read_mesh
 from pgcp.mend import Mended, mend, unmended
 from pgcp.options import DISK_METHODS, RUNNING, Options
+from pgcp.parallel import limited_to
 from pgcp.plan import Plan, make_plan
 from pgcp.quality import measure_quality
 from pgcp.run import Clock, Mapped, Run
@@ -59,6 +60,12 @@ def _executor(options: Options, run: str, progress: Progress) -> SerialExecutor 
         return SerialExecutor(progress)
     security = None if (files := options.tls_files) is None else Security(*files)
     return DaskExecutor(run, options.workers, options.scheduler, options.scheduler_file, progress, security, warm_up)
+
+
+def _processors(options: Options) -> AbstractContextManager[None]:
+    """N workers on this machine mean N processors, between the stages that run on them as well."""
+    elsewhere = options.scheduler is not None or options.scheduler_file is not None
+    return nullcontext() if elsewhere or options.workers == 0 else limited_to(options.workers)
 
 
 def _planned(mesh: Mesh, topology: Topology, options: Options, executor: Executor) -> Plan:
@@ -180,6 +187,11 @@ def _renumbered(options: Options, mended: Mended) -> Options:
 
 def compute(source: Any, options: Options, progress: Progress = silent) -> Parameterization:
     """As ``parameterize``, but a map with folds is returned like any other: its quality says so."""
+    with _processors(options):
+        return _computed(source, options, progress)
+
+
+def _computed(source: Any, options: Options, progress: Progress) -> Parameterization:
     clock = Clock()
     asked, options = options, _resolved(options)
     name = uuid.uuid4().hex[:12]
@@ -232,6 +244,7 @@ def compute(source: Any, options: Options, progress: Progress = silent) -> Param
         "threads": description["threads_per_worker"],
         "executor": description,
         "stages": clock.stages,
+        "tasks": executor.taken,
         "patches": _patch_rows(mapped),
         "welds": list(mapped.welds),
         "retries": outcome.failures,

@@ -12,7 +12,7 @@ import numpy as np
 
 from pgcp.assemble import collect
 from pgcp.errors import LostFileError
-from pgcp.executors import Executor, SerialExecutor
+from pgcp.executors import Executor, Joining, SerialExecutor, ignore
 from pgcp.options import Options
 from pgcp.split import Split, cut_patch, cut_patches, faces_by_label, split_mesh, vertices_of
 from pgcp.store import PatchStore
@@ -171,12 +171,24 @@ def restored(run: Run, parts: Parts, problem: LostFileError) -> None:
 
 
 def mapped_through_store(
-    run: Run, parts: Parts, stage: str, kind: str, record: type[Record], task: Callable[[Item], Record], items: dict[int, Item]
+    run: Run,
+    parts: Parts,
+    stage: str,
+    kind: str,
+    record: type[Record],
+    task: Callable[[Item], Record],
+    items: dict[int, Item],
+    order: Callable[[int], Any] | None = None,
+    each: Callable[[Record], None] = ignore,
+    beside: Joining | None = None,
 ) -> list[Record]:
     """Apply a task to an item for every patch, but where its record of that kind is in the store already.
 
-    Patches that are missing there are stored again: each once, and a few once more.
+    Patches that are missing there are stored again: each once, and a few once more. They run by ``order`` of the patch, or
+    the largest first; ``each`` is called with every record, more than once where files were lost; for joins ``beside`` see
+    Executor.
     """
+    order = order or (lambda index: -parts.patches[index].vertex_count)
     found: dict[int, Record] = {}
     losses = 0
     while True:
@@ -184,9 +196,10 @@ def mapped_through_store(
             if index not in found and parts.has(kind, index):
                 with suppress(LostFileError):
                     found[index] = parts.store.read(kind, index, record)
-        left = sorted((index for index in items if index not in found), key=lambda i: -parts.patches[i].vertex_count)
+                    each(found[index])
+        left = sorted((index for index in items if index not in found), key=order)
         try:
-            results = run.executor.map(stage, task, [items[index] for index in left], left, len(found))
+            results = run.executor.map(stage, task, [items[index] for index in left], left, len(found), each, beside)
         except LostFileError as problem:
             losses += 1
             if losses == len(items) + _MOST_LOSSES:

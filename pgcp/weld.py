@@ -23,7 +23,6 @@ _FAN_RADII = 300
 _VARIATION_SAMPLE = 500
 _BEST_POLES = 100
 _SAME_ARC = 1e-10
-_RELAX_STEPS = 12
 _LEAST_STRENGTH = 0.1
 
 
@@ -309,19 +308,18 @@ def relax_boundary(union: Component) -> Component:
     """Give a component its natural boundary, or as much of it as leaves the boundary curve simple.
 
     Where the whole way at once would cross itself, part of the way is gone first: from there the curve is resolved
-    better, and the rest may succeed.
+    better, and more may succeed. What fails after that is not tried again: the curve is as good as touching itself.
     """
-    z = union.z
-    strength = 1.0
-    for _ in range(_RELAX_STEPS):
+    z, strength, is_moved = union.z, 1.0, False
+    while strength >= _LEAST_STRENGTH:
         moved = natural_boundary(z, union.edges, union.lengths, union.loop, union.corners, strength)
         if np.isfinite(moved).all() and not crosses_itself(moved[union.loop]):
-            z = moved
+            z, is_moved = moved, True
             if strength == 1.0:
                 break
             strength = min(1.0, 2.0 * strength)
+        elif is_moved:
+            break
         else:
             strength *= 0.5
-            if strength < _LEAST_STRENGTH:
-                break
     return replace(union, z=z)

@@ -16,7 +16,10 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from pgcp.parallel import in_parts
 from pgcp.types import ComplexArray, FloatArray
+
+_LEAST_POINTS, _LEAST_VALUES = 1024, 1 << 16  # worth a thread
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
@@ -124,15 +127,8 @@ def _open_gaps(p: FloatArray, gaps: FloatArray, count: int, shift: float, scale:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def open_arc(arc: ComplexArray, others: ComplexArray, branch: float) -> tuple[FloatArray, ComplexArray, int]:
-    """Bring a boundary curve to its intermediate form (PGCP Algorithm 1).
-
-    arc (k+1,) is opened onto the imaginary axis, others (n,) into the right half-plane; ``branch`` is +1 where the
-    domain lies to the left of the arc and -1 where it lies to the right. With p[j] the inverse height of point j, at
-    i / p[j], p[0] = 0 (infinity) and ``branch * p`` increasing (point k is at 0): returns the gaps |p[j+1] - p[j]|
-    (k-1,), the others, and the number of the arc point that could not be opened (its image is not inside the
-    half-plane), or -1.
-    """
+def _open_arc(arc: ComplexArray, others: ComplexArray, branch: float) -> tuple[FloatArray, ComplexArray, int]:
+    """See ``open_arc``."""
     k = arc.shape[0] - 1
     count = others.shape[0]
     re, im = np.empty(count), np.empty(count)
@@ -165,6 +161,19 @@ def open_arc(arc: ComplexArray, others: ComplexArray, branch: float) -> tuple[Fl
         u, v = _moebius(re[i], im[i], 1.0, p[0])
         out[i] = complex(u, v)
     return gaps, out, -1
+
+
+def open_arc(arc: ComplexArray, others: ComplexArray, branch: float) -> tuple[FloatArray, ComplexArray, int]:
+    """Bring a boundary curve to its intermediate form (PGCP Algorithm 1).
+
+    arc (k+1,) is opened onto the imaginary axis, others (n,) into the right half-plane; ``branch`` is +1 where the
+    domain lies to the left of the arc and -1 where it lies to the right. With p[j] the inverse height of point j, at
+    i / p[j], p[0] = 0 (infinity) and ``branch * p`` increasing (point k is at 0): returns the gaps |p[j+1] - p[j]|
+    (k-1,), the others, and the number of the arc point that could not be opened (its image is not inside the
+    half-plane), or -1.
+    """
+    parts = in_parts(lambda begin, end: _open_arc(arc, others[begin:end], branch), len(others), _LEAST_POINTS)
+    return parts[0][0], np.concatenate([moved for _, moved, _ in parts]), parts[0][2]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -219,13 +228,8 @@ def _close_gaps(gaps: FloatArray, count: int, other_total: float) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def close_arcs(upper: FloatArray, lower: FloatArray, others: ComplexArray) -> tuple[ComplexArray, ComplexArray, int]:
-    """Weld the points of the upper half-axis to those of the lower one (PGCP Algorithm 2).
-
-    upper, lower (k-1,): gaps between inverse heights of points 0..k-1, point 0 being infinity on both sides; point k of
-    both is 0; others (n,) in the right half-plane move along. Returns the common images of points 1..k, the images of
-    the others, and -1 or the number of the point that could not be welded. The image of point 0 is infinity.
-    """
+def _close_arcs(upper: FloatArray, lower: FloatArray, others: ComplexArray) -> tuple[ComplexArray, ComplexArray, int]:
+    """See ``close_arcs``."""
     k = upper.shape[0] + 1
     count = others.shape[0]
     re = np.empty(k + count)
@@ -262,15 +266,22 @@ def close_arcs(upper: FloatArray, lower: FloatArray, others: ComplexArray) -> tu
     return arc, out, -1
 
 
+def close_arcs(upper: FloatArray, lower: FloatArray, others: ComplexArray) -> tuple[ComplexArray, ComplexArray, int]:
+    """Weld the points of the upper half-axis to those of the lower one (PGCP Algorithm 2).
+
+    upper, lower (k-1,): gaps between inverse heights of points 0..k-1, point 0 being infinity on both sides; point k of
+    both is 0; others (n,) in the right half-plane move along. Returns the common images of points 1..k, the images of
+    the others, and -1 or the number of the point that could not be welded. The image of point 0 is infinity.
+    """
+    parts = in_parts(lambda begin, end: _close_arcs(upper, lower, others[begin:end]), len(others), _LEAST_POINTS)
+    return parts[0][0], np.concatenate([moved for _, moved, _ in parts]), parts[0][2]
+
+
 @numba.njit(cache=True, nogil=True)
-def scale_variation(
+def _scale_variation(
     tails: ComplexArray, heads: ComplexArray, log_lengths: FloatArray, weights: FloatArray, poles: ComplexArray
 ) -> FloatArray:
-    """Weighted variance of log(|edge in the plane| / |edge on the surface|) after 1 / (z - pole), for each pole.
-
-    |1/(p - c) - 1/(q - c)| = |p - q| / (|p - c| |q - c|): only the distances to the pole change. Edges with an end at
-    infinity are left out.
-    """
+    """See ``scale_variation``."""
     out = np.empty(poles.shape[0])
     for n in range(poles.shape[0]):
         total, mean, square = 0.0, 0.0, 0.0
@@ -283,3 +294,17 @@ def scale_variation(
             square += weights[e] * value * value
         out[n] = square / total - (mean / total) ** 2
     return out
+
+
+def scale_variation(
+    tails: ComplexArray, heads: ComplexArray, log_lengths: FloatArray, weights: FloatArray, poles: ComplexArray
+) -> FloatArray:
+    """Weighted variance of log(|edge in the plane| / |edge on the surface|) after 1 / (z - pole), for each pole.
+
+    |1/(p - c) - 1/(q - c)| = |p - q| / (|p - c| |q - c|): only the distances to the pole change. Edges with an end at
+    infinity are left out.
+    """
+    least = -(-_LEAST_VALUES // max(1, len(tails)))
+    return np.concatenate(
+        in_parts(lambda begin, end: _scale_variation(tails, heads, log_lengths, weights, poles[begin:end]), len(poles), least)
+    )

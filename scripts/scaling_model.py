@@ -10,8 +10,9 @@ fit       seconds and bytes as sums of powers of sizes, with factors that are no
           the vertices and boundary edges of a patch, weld by the points of the seam and the union, driver stages by
           vertices and patches; what runs between the stages, planning the welds, also by the square of the patches. Of the
           terms of a weld that grow fastest, and are small on the measured mesh, a least factor is measured by themselves
-simulate  list scheduling of flatten, then the tree of welds, then solve; an overhead for every task; patches go through the
-          store's link, curves and unions through the driver's, each of --bandwidth-gbit and used by one transfer at a time.
+simulate  list scheduling of flatten and the tree of welds, which go first when they can begin, then solve; an overhead for
+          every task; patches go through the store's link, curves and unions through the driver's, each of --bandwidth-gbit
+          and used by one transfer at a time.
           Patches are max(6, V / 200,000, W). The tree of welds is that of a flat square, planned by the package for up to
           256 parts, each halved further as needed
 validate  the first mesh in --validate patches (0: not at all) on 1 and 2 worker processes that have been started before,
@@ -28,7 +29,6 @@ import functools
 import heapq
 import itertools
 import time
-from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
@@ -44,8 +44,9 @@ from threadpoolctl import threadpool_limits
 
 import pgcp
 from pgcp import pipeline
-from pgcp.executors import SerialExecutor
+from pgcp.executors import Joining, SerialExecutor
 from pgcp.natural import natural_boundary
+from pgcp.parallel import limited_to
 from pgcp.split import cut_patches, plan_welds, split_mesh
 from pgcp.topology import examine
 from pgcp.zipper import close_arcs, open_arc
@@ -105,7 +106,10 @@ def evaluate(kind: str, factors: np.ndarray, sizes: Sizes) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One task: seconds of work, tasks it waits for, and bytes from the store, from the driver and back to the driver."""
+    """One task: seconds of work, tasks it waits for, and bytes from the store, from the driver and back to the driver.
+
+    Those of less ``rank`` go first.
+    """
 
     name: int
     seconds: float
@@ -113,6 +117,7 @@ class Task:
     store_bytes: float = 0.0
     in_bytes: float = 0.0
     out_bytes: float = 0.0
+    rank: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,8 +143,8 @@ class Link:
         return self._free_at
 
 
-def simulate(jobs: Sequence[Task], workers: int, network: Network | None = None) -> float:
-    """Seconds until all tasks are done: each starts, first come first served, when its turn has come and a worker is idle.
+def simulate(jobs: Sequence[Task], workers: int, network: Network | None = None) -> dict[int, float]:
+    """Seconds until each task is done: by rank, then first come first served, when its turn has come and a worker is idle.
 
     A worker is busy from when a task is sent to it until it has computed; the result is then on its way to the driver, and
     tasks that wait for it can start when it is there. Raises ValueError where tasks wait for each other.
@@ -151,12 +156,14 @@ def simulate(jobs: Sequence[Task], workers: int, network: Network | None = None)
     for job in jobs:
         for name in job.after:
             followers[name].append(job)
-    ready, idle, finished, now = deque(job for job in jobs if not job.after), workers, 0, 0.0
     order = itertools.count()
+    ready = [(job.rank, next(order), job) for job in jobs if not job.after]
+    heapq.heapify(ready)
+    idle, now, finished = workers, 0.0, dict[int, float]()
     events: list[tuple[float, int, bool, Task]] = []
     while ready or events:
         while ready and idle:
-            job = ready.popleft()
+            _, _, job = heapq.heappop(ready)
             idle -= 1
             begin = store.carry(now + network.overhead_s + network.latency_s, job.store_bytes)
             begin = driver.carry(begin, job.in_bytes)
@@ -167,14 +174,34 @@ def simulate(jobs: Sequence[Task], workers: int, network: Network | None = None)
             there = driver.carry(now, job.out_bytes) + network.latency_s
             heapq.heappush(events, (there, next(order), True, job))
             continue
-        finished += 1
+        finished[job.name] = now
         for follower in followers[job.name]:
             missing[follower.name] -= 1
             if not missing[follower.name]:
-                ready.append(follower)
-    if finished < len(jobs):
-        raise ValueError(f"{len(jobs) - finished} tasks wait for each other")
-    return now
+                heapq.heappush(ready, (follower.rank, next(order), follower))
+    if len(finished) < len(jobs):
+        raise ValueError(f"{len(jobs) - len(finished)} tasks wait for each other")
+    return finished
+
+
+def passes(
+    flatten: Sequence[Task], welds: Sequence[Task], solve: Sequence[Task], workers: int, network: Network
+) -> list[float]:
+    """Seconds of flatten, of the welds that are left after it, and of solve."""
+    done = simulate([*flatten, *welds], workers, network)
+    flattened = max(done[job.name] for job in flatten)
+    return [flattened, max(done.values()) - flattened, max(simulate(solve, workers, network).values())]
+
+
+def depth_of(leaves: Sequence[int], joins: Iterable[tuple[int, int, int]]) -> dict[int, int]:
+    """How deep in a tree of joins (left, right, result), in an order in which they can be done, each leaf is."""
+    joined = list(joins)
+    level: dict[int, int] = dict.fromkeys(leaves, 0)
+    wanted = {}
+    for left, right, result in joined:
+        level[result] = 1 + max(level[left], level[right])
+        wanted[left] = wanted[right] = level[result]
+    return {leaf: wanted.get(leaf, 0) for leaf in leaves}
 
 
 # ---------------------------------------------------------------------------------------------------------------- measurement
@@ -244,7 +271,7 @@ def panels(corners: float) -> float:
 def seconds_of(function: Callable[..., Any], *arguments: Any) -> float:
     """Seconds of a call on one BLAS thread, the lesser of two after one that may compile."""
     taken = []
-    with threadpool_limits(1):
+    with threadpool_limits(1), limited_to(1):
         for _ in range(3):
             start = time.perf_counter()
             function(*arguments)
@@ -302,7 +329,8 @@ class TimedExecutor(SerialExecutor):
                 forget_peak()
                 before = resident_bytes("VmRSS")
             start = time.perf_counter()
-            result = function(item)
+            with limited_to(1):
+                result = function(item)
             seconds = time.perf_counter() - start
             grown = resident_bytes("VmHWM") - before if self.looks_at_memory else 0
             sizes, size = self._sizes(stage, after, name, item, result), array_bytes(result)
@@ -328,10 +356,12 @@ class TimedExecutor(SerialExecutor):
 
         return super().map(stage, run, items, *more, **options)
 
-    def join(self, stage: str, joins: Any, *more: Any, **options: Any) -> dict[int, Any]:
+    def join(self, joining: Joining) -> dict[int, Any]:
         """See Executor."""
-        timed = [j._replace(function=self._timed(stage, j.function, j.result, (j.left, j.right))) for j in joins]
-        return super().join(stage, timed, *more, **options)
+        joining.waiting = [
+            j._replace(function=self._timed(joining.stage, j.function, j.result, (j.left, j.right))) for j in joining.waiting
+        ]
+        return super().join(joining)
 
 
 def limit_threads() -> None:
@@ -540,10 +570,9 @@ def weld_tasks(model: Model, tree: Tree, edges: float, points: float) -> tuple[l
         corners = max(loop[result] * edges / points, 1.0)
         sizes.append({"n": nodes[result], "s": seam, "p": panels(corners), "c": inside[result]})
         bytes_of[result] = float(model.of("union bytes", sizes[-1]))
-        after = tuple(k for k in (left, right) if k >= len(tree.perimeters))
         in_bytes = bytes_of[left] + bytes_of[right]
         seconds = float(model.of("weld", sizes[-1]))
-        jobs.append(Task(result, seconds, after, in_bytes=in_bytes, out_bytes=bytes_of[result]))
+        jobs.append(Task(result, seconds, (left, right), in_bytes=in_bytes, out_bytes=bytes_of[result], rank=-1.0))
     return jobs, sizes
 
 
@@ -603,10 +632,12 @@ def predict(model: Model, vertices: float, patches: int, workers: int, network: 
     points = edge_parts(patches * edges / 2) * edges + model.extra_points
     flatten = model.of("flatten", {"n": n, "b": b})
     solve = model.of("solve", {"n": n})
-    first = [Task(k, t, (), _PATCH_BYTES * n[k], 0.0, 16.0 * points) for k, t in enumerate(flatten)]
+    tree = weld_tree(patches)
+    depth = depth_of(range(patches), (step[:3] for step in tree.steps))
+    first = [Task(k, t, (), _PATCH_BYTES * n[k], 0.0, 16.0 * points, depth[k]) for k, t in enumerate(flatten)]
     last = [Task(k, t, (), (_PATCH_BYTES + _MAP_BYTES) * n[k], 16.0 * b[k], 100.0) for k, t in enumerate(solve)]
-    welds, unions = weld_tasks(model, weld_tree(patches), edges, points)
-    seconds = [simulate(jobs, workers, network) for jobs in (first, welds, last)]
+    welds, unions = weld_tasks(model, tree, edges, points)
+    seconds = passes(first, welds, last, workers, network)
     weld_bytes = max((float(model.of("weld bytes", sizes)) for sizes in unions), default=0.0)
     work = max(float(model.of("flatten bytes", {"n": mean, "b": edges})), weld_bytes)
     union = float(model.of("union bytes", unions[-1])) if unions else 0.0
@@ -623,12 +654,10 @@ def predict(model: Model, vertices: float, patches: int, workers: int, network: 
 
 def replay(run: Trace, workers: int, network: Network) -> tuple[float, float]:
     """Seconds of the parallel stages, and of the whole, when measured tasks run on so many workers."""
-    parallel = 0.0
-    for stage in PARALLEL:
-        samples = run.of(stage)
-        made = {sample.name for sample in samples}
-        jobs = [Task(s.name, s.seconds, tuple(k for k in s.after if k in made)) for s in samples]
-        parallel += simulate(jobs, workers, network)
+    flatten = [Task(s.sizes["patch"], s.seconds) for s in run.of("flatten")]
+    welds = [Task(s.name, s.seconds, s.after, rank=-1.0) for s in run.of("weld") if s.after]
+    solve = [Task(s.name, s.seconds) for s in run.of("solve")]
+    parallel = sum(passes(flatten, welds, solve, workers, network))
     return parallel, parallel + sum(run.driver.values())
 
 

@@ -150,6 +150,21 @@ def test_a_task_that_kills_every_worker_stops_the_run(place, reference):
     assert_same(place, reference)
 
 
+# welds go on beside the patches that are left
+
+
+def test_what_can_be_welded_is_while_a_patch_is_still_flattened(place, reference):
+    place.hold("flatten", PATCHES - 1, PATCHES)
+    process = place.start("--workers", "2", "--quiet")
+    place.held(process, "flatten", PATCHES - 1)
+    place.wait_for(process, "done", "weld")
+    assert len(place.records("curve")) == PATCHES - 1
+    place.go()
+    assert place.end_of(process) == GOOD
+    assert_same(place, reference)
+    assert place.done() == ONCE
+
+
 # 2. a worker is paused
 
 
@@ -255,8 +270,8 @@ def test_a_result_that_is_lost_with_its_worker_is_not_waited_for_for_ever(own_cl
     class Unlucky(DaskExecutor):
         patience_s = 2.0
 
-        def _next_done(self, stage, futures):
-            done = super()._next_done(stage, futures)
+        def _next_done(self, stage):
+            done = super()._next_done(stage)
             kill(own_cluster.workers[0].pid)
             return done
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import operator
 import os
 import pickle
 import socket
@@ -16,7 +17,7 @@ from meshes import cap, grid, lifted, similarity_error, spheroid
 
 import pgcp
 from pgcp import errors
-from pgcp.executors import DaskExecutor, SerialExecutor
+from pgcp.executors import DaskExecutor, Join, Joining, SerialExecutor
 from pgcp.split import plans, split_mesh
 from pgcp.tasks import FactorCache, Job, weld_task
 from pgcp.topology import examine
@@ -196,8 +197,8 @@ def test_little_passes_through_the_scheduler(cluster, reference):
     sizes = []
 
     class Watched(DaskExecutor):
-        def map(self, stage, function, items, places=None, done=0):
-            results = super().map(stage, function, items, places, done)
+        def map(self, stage, function, items, *more):
+            results = super().map(stage, function, items, *more)
             sizes.append((stage, len(pickle.dumps((function, list(items)))), len(pickle.dumps(results))))
             return results
 
@@ -211,6 +212,38 @@ def test_little_passes_through_the_scheduler(cluster, reference):
         pipeline.DaskExecutor = original
     assert max(out for stage, _, out in sizes if stage in ("flatten", "solve")) < 0.5 * mesh.vertices.nbytes * 6
     assert max(max(row[1:]) for row in sizes) < 10_000_000
+
+
+@pytest.fixture(params=["serial", "dask"])
+def executor(request):
+    if request.param == "serial":
+        with SerialExecutor() as made:
+            yield made
+    else:
+        address, _ = request.getfixturevalue("cluster")
+        with DaskExecutor("test", scheduler=address) as made:
+            yield made
+
+
+def joined_by(function):
+    """A tree of joins of what negated numbers 1 to 4 give, and the function that gives it."""
+    joining = Joining("join", [Join(0, 1, 4, sum), Join(2, 3, 5, function), Join(4, 5, 6, sum)])
+    return joining, lambda result: joining.put(-result - 1, result)
+
+
+def test_joins_begin_with_what_is_mapped(executor):
+    joining, put = joined_by(sum)
+    assert executor.map("negate", operator.neg, [1, 2, 3, 4], each=put, beside=joining) == [-1, -2, -3, -4]
+    assert executor.join(joining) == {6: -10}
+    assert {stage: record["count"] for stage, record in executor.taken.items()} == {"negate": 4, "join": 3}
+
+
+def test_a_join_that_fails_does_not_keep_the_rest_from_being_mapped(executor):
+    joining, put = joined_by(operator.itemgetter(2))
+    assert executor.map("negate", operator.neg, [1, 2, 3, 4], each=put, beside=joining) == [-1, -2, -3, -4]
+    with pytest.raises(IndexError):
+        executor.join(joining)
+    assert executor.map("negate", operator.neg, [5]) == [-5]
 
 
 def test_errors_cross_processes(cluster, tmp_path):

@@ -18,7 +18,7 @@ sys.path.insert(0, str(SCRIPTS))
 import benchmark  # noqa: E402
 import scaling_model  # noqa: E402
 import speedup  # noqa: E402
-from scaling_model import Network, Task, simulate  # noqa: E402
+from scaling_model import Network, Task, depth_of, passes, simulate  # noqa: E402
 
 
 def run(name, *arguments, cwd):
@@ -112,25 +112,39 @@ def test_speedup_makes_table_and_plot(hills_file, tmp_path):
 # scaling model
 
 
+def seconds(jobs, *arguments):
+    return max(simulate(jobs, *arguments).values())
+
+
 def test_tasks_are_replayed_on_workers():
-    jobs = [Task(k, seconds) for k, seconds in enumerate([3.0, 1.0, 1.0, 2.0])]
-    assert simulate(jobs, 1) == 7.0
-    assert simulate(jobs, 2) == 4.0
-    assert simulate(jobs, 9) == 3.0
+    jobs = [Task(k, s) for k, s in enumerate([3.0, 1.0, 1.0, 2.0])]
+    assert seconds(jobs, 1) == 7.0
+    assert seconds(jobs, 2) == 4.0
+    assert seconds(jobs, 9) == 3.0
     chain = [Task(0, 2.0), Task(1, 1.0), Task(2, 4.0, (0, 1)), Task(3, 1.0, (2,))]
-    assert simulate(chain, 5) == 7.0
-    assert simulate(chain, 1) == 8.0
+    assert simulate(chain, 5) == {0: 2.0, 1: 1.0, 2: 6.0, 3: 7.0}
+    assert seconds(chain, 1) == 8.0
     with pytest.raises(ValueError, match="2 tasks wait for each other"):
         simulate([Task(0, 1.0), Task(1, 1.0, (2,)), Task(2, 1.0, (1,))], 2)
 
 
+def test_welds_are_replayed_beside_the_patches_that_are_left():
+    joins = [(2, 3, 4), (1, 4, 5), (0, 5, 6)]
+    assert depth_of(range(4), joins) == {0: 3, 1: 2, 2: 1, 3: 1}
+    flatten = [Task(k, 4.0, rank=depth) for k, depth in depth_of(range(4), joins).items()]
+    welds = [Task(result, 1.0, (left, right), rank=-1.0) for left, right, result in joins]
+    solve = [Task(k, 2.0) for k in range(4)]
+    assert passes(flatten, welds, solve, 1, Network()) == [17.0, 2.0, 8.0]
+    assert passes(flatten, welds, solve, 2, Network()) == [8.0, 3.0, 4.0]
+
+
 def test_transfers_of_one_link_wait_for_each_other():
     network = Network(overhead_s=0.5, latency_s=0.25, bytes_per_s=100.0)
-    assert simulate([Task(0, 1.0)], 1, network) == 0.5 + 0.25 + 1.0 + 0.25
+    assert seconds([Task(0, 1.0)], 1, network) == 0.5 + 0.25 + 1.0 + 0.25
     stored = [Task(k, 1.0, store_bytes=200.0) for k in range(3)]
-    assert simulate(stored, 3, network) == 0.75 + 3 * 2.0 + 1.0 + 0.25
+    assert seconds(stored, 3, network) == 0.75 + 3 * 2.0 + 1.0 + 0.25
     sent = [Task(k, 1.0, out_bytes=100.0) for k in range(2)]
-    assert simulate(sent, 2, network) == 0.75 + 1.0 + 2 * 1.0 + 0.25
+    assert seconds(sent, 2, network) == 0.75 + 1.0 + 2 * 1.0 + 0.25
 
 
 def test_factors_are_found_again_and_never_negative():
