@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from partition.check import Contacts, PartReport, SeamTable, check_partition, seam_table
-from partition.clusters import cluster_graph
+from partition.clusters import cluster_graph, grow_clusters
 from partition.cuts import cut_labels
 from partition.disks import make_disks
-from partition.dual_graph import FloatArray, IntArray, edge_lengths, seam_half_edges, vertex_starts
+from partition.dual_graph import AtOnce, FloatArray, IntArray, edge_lengths, in_turn, seam_half_edges, vertex_starts
 from partition.errors import PartitionError
 from partition.kway import has_metis, kway_labels
 from partition.smooth import shorten_seams
@@ -29,7 +31,7 @@ __all__ = [
 ]
 
 _BALANCE = 1.15
-_LARGEST_CLUSTER = 16
+_LARGEST_CLUSTER = 48
 _CLUSTERS_PER_PART = 1000
 _ROUNDS = 100
 # seams are straightened within a band of so many rings, a part of the patches' width
@@ -37,11 +39,14 @@ _BAND, _NARROWEST, _WIDEST = 0.05, 2, 24
 _STRAIGHTENINGS = 2
 
 
-def partition_faces(vertices: FloatArray, faces: IntArray, twins: IntArray, part_count: int, seed: int = 0) -> IntArray:
+def partition_faces(
+    vertices: FloatArray, faces: IntArray, twins: IntArray, part_count: int, seed: int = 0, at_once: AtOnce = in_turn
+) -> IntArray:
     """Split a connected, oriented, manifold mesh into ``part_count`` disks of about equal size with short seams.
 
     vertices (V, 3), faces (F, 3), twins (3F,) the half-edge pairing. Returns labels (F,). The same input and seed
-    give the same labels. Raises PartitionError where the mesh cannot carry that many disks.
+    give the same labels, whether ``at_once`` calls functions at the same time or in turn. Raises PartitionError where the
+    mesh cannot carry that many disks.
     """
     if part_count < 1:
         raise PartitionError(f"the number of patches is {part_count}, it must be at least 1")
@@ -49,12 +54,15 @@ def partition_faces(vertices: FloatArray, faces: IntArray, twins: IntArray, part
         raise PartitionError(f"{part_count} patches were asked for, but the mesh has only {len(faces)} faces")
     if part_count == 1:
         return np.zeros(len(faces), np.int32)
-    lengths = edge_lengths(vertices, faces)
     size = int(np.clip(len(faces) // (_CLUSTERS_PER_PART * part_count), 1, _LARGEST_CLUSTER))
-    cluster, sizes, graph = cluster_graph(twins, lengths, size)
-    labels: IntArray = kway_labels(graph, part_count, seed, sizes).astype(np.int32)[cluster]
-    starts = vertex_starts(faces, twins, len(vertices))
-    labels = make_disks(vertices, faces, twins, labels, part_count, lengths, starts)
+    (cluster, order, begins), lengths, starts = at_once(
+        partial(grow_clusters, twins, size),
+        partial(edge_lengths, vertices, faces),
+        partial(vertex_starts, faces, twins, len(vertices)),
+    )
+    graph = cluster_graph(twins, lengths, cluster, order, begins, at_once)
+    labels: IntArray = kway_labels(graph, part_count, seed, np.diff(begins)).astype(np.int32)[cluster]
+    labels = make_disks(vertices, faces, twins, labels, part_count, lengths, starts, at_once)
     limit = max(int(_BALANCE * len(faces) / part_count), int(np.bincount(labels).max()))
     rings = int(np.clip(_BAND * np.sqrt(len(faces) / part_count), _NARROWEST, _WIDEST))
     for _ in range(_STRAIGHTENINGS):

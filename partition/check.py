@@ -7,11 +7,21 @@ each part is connected, is not pinched at a vertex and has Euler characteristic 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numba
 import numpy as np
 
-from partition.dual_graph import BoolArray, FloatArray, IntArray, label_components, seam_half_edges, vertex_starts
+from partition.dual_graph import (
+    AtOnce,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    in_turn,
+    label_components,
+    seam_half_edges,
+    vertex_starts,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,7 +118,12 @@ def _inner_edges(twins: IntArray, labels: IntArray, part_count: int) -> IntArray
 
 
 def check_partition(
-    faces: IntArray, twins: IntArray, labels: IntArray, part_count: int, starts: IntArray | None = None
+    faces: IntArray,
+    twins: IntArray,
+    labels: IntArray,
+    part_count: int,
+    starts: IntArray | None = None,
+    at_once: AtOnce = in_turn,
 ) -> PartReport:
     """Examine every part of a partition. labels (F,) in [0, part_count). Nothing is changed.
 
@@ -116,15 +131,18 @@ def check_partition(
     """
     if starts is None:
         starts = vertex_starts(faces, twins, int(faces.max()) + 1)
-    vertices, run_labels, inner = _vertex_runs(faces, twins, labels, starts)
+    (vertices, run_labels, inner), (count, components), inner_edges = at_once(
+        partial(_vertex_runs, faces, twins, labels, starts),
+        partial(label_components, twins, labels),
+        partial(_inner_edges, twins, labels, part_count),
+    )
     face_count = np.bincount(labels, minlength=part_count)
     pair = vertices * part_count + run_labels
     unique, counts = np.unique(pair, return_counts=True)
     vertex_count = np.bincount(unique % part_count, minlength=part_count)
     vertex_count[: len(inner)] += inner
     # edges of a part: 3F half-edges, those with the twin in the same part counted once
-    euler = vertex_count - (3 * face_count - _inner_edges(twins, labels, part_count)) + face_count
-    count, components = label_components(twins, labels)
+    euler = vertex_count - (3 * face_count - inner_edges) + face_count
     owner = np.empty(count, np.int64)
     owner[components] = labels
     pinched = unique[counts > 1]
@@ -193,10 +211,11 @@ class SeamTable:
         )
 
 
-def seam_table(vertices: FloatArray, faces: IntArray, twins: IntArray, labels: IntArray) -> SeamTable:
+def seam_table(
+    vertices: FloatArray, faces: IntArray, twins: IntArray, labels: IntArray, at_once: AtOnce = in_turn
+) -> SeamTable:
     """Seam table of a valid partition (every part a disk)."""
-    cut = seam_half_edges(twins, labels)
-    starts = vertex_starts(faces, twins, len(vertices))
+    cut, starts = at_once(partial(seam_half_edges, twins, labels), partial(vertex_starts, faces, twins, len(vertices)))
     at, run_labels, _ = _vertex_runs(faces, twins, labels, starts)
     flat = faces.reshape(-1)
     return SeamTable(

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from functools import partial
+from itertools import pairwise
+
 import numba
 import numpy as np
 from scipy.sparse import csr_array
 
-from partition.dual_graph import FloatArray, IntArray
+from partition.dual_graph import AtOnce, FloatArray, IntArray, in_turn
+
+_PARTS = 8
 
 
 @numba.njit(cache=True, nogil=True)
-def _grow(twins: IntArray, size: int) -> tuple[IntArray, IntArray, IntArray]:
-    """Cluster of every face (F,), faces ordered by cluster (F,), and where each cluster begins in that order.
+def grow_clusters(twins: IntArray, size: int) -> tuple[IntArray, IntArray, IntArray]:
+    """Clusters of up to ``size`` faces: of every face (F,), faces ordered by it (F,), and where each begins in that order.
 
     Each cluster grows breadth first from a face beside an earlier one, so that clusters pack closely.
     """
@@ -55,39 +60,44 @@ def _grow(twins: IntArray, size: int) -> tuple[IntArray, IntArray, IntArray]:
 
 
 @numba.njit(cache=True, nogil=True)
-def _graph(
-    twins: IntArray, lengths: FloatArray, cluster: IntArray, order: IntArray, starts: IntArray
+def _rows(
+    twins: IntArray, lengths: FloatArray, cluster: IntArray, order: IntArray, starts: IntArray, first: int, stop: int
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """CSR of the graph of clusters; the weight of an entry is the length of all edges that two clusters share."""
-    count = starts.shape[0] - 1
-    indptr = np.zeros(count + 1, np.int32)
-    room = 0
-    for h in range(twins.shape[0]):
-        if twins[h] >= 0 and cluster[h // 3] != cluster[twins[h] // 3]:
-            room += 1
+    """Rows first to stop of the graph of clusters: entries in each, columns, and the length of all edges two clusters share."""
+    counts = np.zeros(stop - first, np.int32)
+    room = 3 * (starts[stop] - starts[first])
     indices, weights = np.empty(room, np.int32), np.empty(room)
-    slot = np.full(count, -1, np.int64)
+    slot = np.full(starts.shape[0] - 1, -1, np.int64)
     total = 0
-    for c in range(count):
-        first = total
+    for c in range(first, stop):
+        begin = total
         for p in range(starts[c], starts[c + 1]):
             for i in range(3):
                 h = 3 * order[p] + i
                 if twins[h] < 0 or cluster[twins[h] // 3] == c:
                     continue
                 other = cluster[twins[h] // 3]
-                if slot[other] < first:
+                if slot[other] < begin:
                     slot[other] = total
                     indices[total], weights[total] = other, 0.0
                     total += 1
                 weights[slot[other]] += lengths[h]
-        indptr[c + 1] = total
-    return indptr, indices[:total].copy(), weights[:total].copy()
+        counts[c - first] = total - begin
+    return counts, indices[:total].copy(), weights[:total].copy()
 
 
-def cluster_graph(twins: IntArray, lengths: FloatArray, size: int) -> tuple[IntArray, IntArray, csr_array]:
-    """Clusters of up to ``size`` faces: cluster (F,) of each face, faces in each (C,), and their graph (C, C)."""
-    cluster, order, starts = _grow(twins, size)
-    indptr, indices, weights = _graph(twins, lengths, cluster, order, starts)
+def cluster_graph(
+    twins: IntArray,
+    lengths: FloatArray,
+    cluster: IntArray,
+    order: IntArray,
+    starts: IntArray,
+    at_once: AtOnce = in_turn,
+) -> csr_array:
+    """The graph (C, C) of clusters, as from ``grow_clusters``; the weight of an entry is the length they share."""
     count = len(starts) - 1
-    return cluster, np.diff(starts), csr_array((weights, indices, indptr), shape=(count, count))
+    ends = np.linspace(0, count, _PARTS + 1).astype(np.int64).tolist()
+    parts = at_once(*(partial(_rows, twins, lengths, cluster, order, starts, *part) for part in pairwise(ends)))
+    counts, indices, weights = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+    return csr_array((weights, indices, indptr), shape=(count, count))

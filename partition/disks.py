@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from partition.check import check_partition, seam_table
-from partition.dual_graph import BoolArray, FloatArray, IntArray, dual_graph, edge_lengths, label_components, vertex_starts
+from partition.dual_graph import (
+    AtOnce,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    dual_graph,
+    edge_lengths,
+    in_turn,
+    label_components,
+    vertex_starts,
+)
 from partition.errors import PartitionError
 from partition.kway import bisection_labels
 
@@ -17,7 +25,8 @@ _ROUNDS = 50
 
 
 def _drop_empty(labels: IntArray) -> IntArray:
-    used = np.bincount(labels) > 0
+    used = np.zeros(int(labels.max()) + 1, bool)
+    used[labels] = True
     if used.all():
         return labels
     dense: IntArray = (np.cumsum(used) - 1).astype(np.int32)[labels]
@@ -107,8 +116,8 @@ def _split_closed(dual: csr_array) -> BoolArray:
     return nearer
 
 
-def _shortest_cut(tails: IntArray, heads: IntArray, steps: FloatArray, loops: list[list[int]]) -> set[tuple[int, int]]:
-    """Directed edges of the shortest path from the longest loop to the nearest other one."""
+def _shortest_cut(tails: IntArray, heads: IntArray, steps: FloatArray, loops: list[list[int]]) -> IntArray:
+    """Vertices of the shortest path from the nearest other loop to the longest one."""
     ids, dense = np.unique(np.concatenate([tails, heads]), return_inverse=True)
     t, h = dense[: len(tails)], dense[len(tails) :]
     graph = coo_array((steps, (t, h)), shape=(len(ids), len(ids))).tocsr()
@@ -126,7 +135,17 @@ def _shortest_cut(tails: IntArray, heads: IntArray, steps: FloatArray, loops: li
     while previous[place] >= 0:
         place = int(previous[place])
         path.append(int(ids[place]))
-    return set(pairwise(path))
+    return np.array(path)
+
+
+def _are_on(path: IntArray, tails: IntArray, heads: IntArray) -> BoolArray:
+    """Which edges, from tails to heads (N,), are steps of a path."""
+    size = int(max(tails.max(), heads.max(), path.max())) + 1
+    steps = np.sort(path[:-1].astype(np.int64) * size + path[1:])
+    keys = tails.astype(np.int64) * size + heads
+    place = np.minimum(np.searchsorted(steps, keys), len(steps) - 1)
+    on: BoolArray = steps[place] == keys
+    return on
 
 
 def _rings_to_halves(
@@ -155,9 +174,7 @@ def _rings_to_halves(
     if len(loops) < 2:
         raise PartitionError(f"part {part} is neither a disk nor a ring: the surface has a handle")
     cut = _shortest_cut(tails, heads, lengths[half], loops)
-    directed = list(zip(tails.tolist(), heads.tolist(), strict=True))
-    forward = np.array([edge in cut for edge in directed])
-    backward = np.array([(b, a) in cut for a, b in directed])
+    forward, backward = _are_on(cut, tails, heads), _are_on(cut, heads, tails)
     free = ~rim & ~forward & ~backward
     centre = vertices[faces[members]].mean(axis=1)
     gap = np.linalg.norm(centre[rows[free]] - centre[across[free]], axis=1)
@@ -208,6 +225,7 @@ def make_disks(
     part_count: int,
     lengths: FloatArray | None = None,
     starts: IntArray | None = None,
+    at_once: AtOnce = in_turn,
 ) -> IntArray:
     """Labels near the given ones whose parts are all disks, ``part_count`` of them. Deterministic.
 
@@ -219,7 +237,7 @@ def make_disks(
     labels = _drop_empty(labels.astype(np.int32))
     for _ in range(_ROUNDS):
         count = int(labels.max()) + 1
-        report = check_partition(faces, twins, labels, count, starts)
+        report = check_partition(faces, twins, labels, count, starts, at_once)
         if report.is_valid and count >= part_count:
             break
         if lengths is None:

@@ -6,6 +6,7 @@ the other side, or -1 on the surface's boundary. The mesh is assumed manifold an
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numba
@@ -16,6 +17,12 @@ from scipy.sparse import csr_array
 IntArray = npt.NDArray[np.integer[Any]]
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
+AtOnce = Callable[..., list[Any]]  # calls functions in any order, or at the same time; returns what they return
+
+
+def in_turn(*functions: Callable[[], Any]) -> list[Any]:
+    """Call functions one after the other."""
+    return [function() for function in functions]
 
 
 @numba.njit(cache=True, nogil=True)

@@ -9,6 +9,8 @@ import numpy as np
 
 from partition.dual_graph import FloatArray, IntArray
 
+_SEEN = -2
+
 
 @numba.njit(cache=True, nogil=True)
 def _before(h: int) -> int:
@@ -188,28 +190,28 @@ def straighten_seams(
     mark = np.full(vertex_count, -1, np.int32)
     wall = np.full(twins.shape[0], -1, np.int32)
     distance = np.full(vertex_count, np.inf)
-    came = np.full(vertex_count, -1, np.int64)
+    came = np.empty(vertex_count, np.int64)
     size = np.zeros(part_count, np.int64)
-    for f in range(labels.shape[0]):
-        size[labels[f]] += 1
+    on_seams = [0 for _ in range(0)]
+    for h in range(twins.shape[0]):
+        size[labels[h // 3]] += h % 3 == 0
+        if twins[h] >= 0 and labels[h // 3] < labels[twins[h] // 3]:
+            on_seams.append(h)
     seams = [np.empty(0, np.int64) for _ in range(0)]
-    seen = np.zeros(twins.shape[0], np.bool_)
     for closed in (False, True):
-        for h in range(twins.shape[0]):
-            if twins[h] < 0 or seen[h] or labels[h // 3] >= labels[twins[h] // 3]:
-                continue
-            if not closed and _runs(twins, labels, starts[faces[h // 3, h % 3]]) < 3:
+        for h in on_seams:
+            if wall[h] == _SEEN or (not closed and _runs(twins, labels, starts[faces[h // 3, h % 3]]) < 3):
                 continue
             chain = [h]
-            seen[h] = True
+            wall[h] = _SEEN
             while True:
                 head = _after(chain[-1])
                 if _runs(twins, labels, starts[faces[head // 3, head % 3]]) >= 3:
                     break
                 follower = _next_on_seam(twins, labels, chain[-1])
-                if seen[follower]:
+                if wall[follower] == _SEEN:
                     break
-                seen[follower] = True
+                wall[follower] = _SEEN
                 chain.append(follower)
             half = len(chain) // 2
             if closed and half > 0:

@@ -117,6 +117,7 @@ def _solve_patches(
     for _ in parts.patches:
         with run.clock.stage("solve"):
             solved = mapped_through_store(run, parts, "solve", f"solved{name}", SolveReport, task, items)
+            run.executor.rest()
         try:
             with run.clock.stage("assemble"):
                 return solved, *gathered(run, parts, target, name)

@@ -7,6 +7,7 @@ order in which tasks finish, and each task computes with one BLAS thread whereve
 from __future__ import annotations
 
 import atexit
+import ctypes
 import logging
 import multiprocessing
 import signal
@@ -139,6 +140,10 @@ class Executor(Protocol):
         """How many tasks each stage had, and the seconds they took where they ran, added up."""
         ...
 
+    def rest(self) -> None:
+        """Have workers that were started here give back the memory that they keep for the next task."""
+        ...
+
     def everywhere(self, function: Callable[[], None]) -> None:
         """Call function once in every process that stays after this executor."""
         ...
@@ -208,6 +213,9 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
             raise SolveFailedError(f"stage {stage} ran out of memory") from problem
         _count(self.taken, stage, time.perf_counter() - start)
         return result
+
+    def rest(self) -> None:
+        """See Executor."""
 
     def everywhere(self, function: Callable[[], None]) -> None:
         """See Executor."""
@@ -292,6 +300,11 @@ def _warm_up_here(warm: Callable[[], None]) -> None:
     """Warm a worker up that was started here, and let it end at once when it has to."""
     atexit.register(leave, 0)
     warm()
+
+
+def _give_memory_back() -> None:
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _run_located(function: Callable[[Any], Any], item: Any, processors: int) -> tuple[str, float, Any]:
@@ -613,6 +626,12 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         if self._client.status != "running":
             return list(set(self._places.values()))
         return list(self._client.scheduler_info(n_workers=-1)["workers"])
+
+    def rest(self) -> None:
+        """See Executor."""
+        if self._cluster is not None and self._is_reached:
+            with suppress(Exception):  # a worker that is gone keeps nothing
+                self._client.run(_give_memory_back, on_error="ignore")
 
     def everywhere(self, function: Callable[[], None]) -> None:
         """See Executor: workers started here end with it."""

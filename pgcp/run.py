@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
 from typing import Any, TypeVar
 
 import numpy as np
@@ -14,6 +16,7 @@ from pgcp.assemble import collect
 from pgcp.errors import LostFileError
 from pgcp.executors import Executor, Joining, SerialExecutor, ignore
 from pgcp.options import Options
+from pgcp.parallel import at_once
 from pgcp.split import Split, cut_patch, cut_patches, faces_by_label, split_mesh, vertices_of
 from pgcp.store import PatchStore
 from pgcp.tasks import Job, SolveReport
@@ -33,6 +36,7 @@ from pgcp.types import (
 Item = TypeVar("Item")
 Record = TypeVar("Record")
 _MOST_LOSSES = 5
+_STORED_AT_ONCE = 3  # each needs memory for every vertex
 
 
 class Clock:
@@ -144,14 +148,21 @@ def store_parts(run: Run, count: int, seed: int, cuts: IntArray | None, name: st
     with run.clock.stage("split"):
         split = split_mesh(run.mesh, run.topology, count, seed, cuts, run.options.repair_cuts, run.mollification)
     store = PatchStore(job.directory)
-    outlines = []
-    with run.clock.stage("store"):
-        for patch in cut_patches(run.mesh, run.topology, split):
+
+    def stored(wanted: range) -> list[PatchOutline]:
+        """Outlines of patches that are in the store then."""
+        outlines = []
+        for patch in cut_patches(run.mesh, run.topology, split, wanted):
             if not store.has("patch", patch.index):
                 store.write_patch(patch)
             ids = patch.vertex_ids[patch.boundary]
             outlines.append(PatchOutline(patch.index, len(patch.vertices), len(patch.faces), ids))
-    return Parts(split, outlines, job, seed)
+        return outlines
+
+    with run.clock.stage("store"):
+        shares = [range(k, split.patch_count, _STORED_AT_ONCE) for k in range(_STORED_AT_ONCE)]
+        outlines = chain.from_iterable(at_once(*(partial(stored, share) for share in shares)))
+    return Parts(split, sorted(outlines, key=lambda outline: outline.index), job, seed)
 
 
 def discard(parts: Parts) -> None:

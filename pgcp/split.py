@@ -22,6 +22,7 @@ from partition import (
     seam_table,
 )
 from pgcp.errors import PartitionInputError
+from pgcp.parallel import at_once
 from pgcp.topology import Topology, loops_of
 from pgcp.types import BoolArray, EdgeTable, IntArray, Mesh, Patch, WeldPlan, WeldStep
 
@@ -31,6 +32,7 @@ _TIE_DIGITS = 9
 # what a long seam costs in the weld order: the choices of open and closed surfaces, tried one after the other
 _CROWDING = {False: (0.0, 0.25, 1.0, 4.0, 16.0), True: (0.0, 1.0, 4.0, 16.0, 64.0)}
 _NECK = 1e-3
+_DEPTH = 0.1  # of the cost, for each level below: flat trees are welded in parallel
 _NEAR_ENDS = np.array([16, 12, 8, 6, 4, 4, 3, 3, 2, 2, 2, 2, 2, 2, 2, 2])
 
 
@@ -85,13 +87,14 @@ def plan_welds(table: SeamTable, patch_count: int, closed: bool = False, crowdin
     union is a disk again, so choosing greedily never runs into a dead end; the same holds on a closed surface until two
     disks are left, which share their whole boundary and are welded last. Chosen is the pair whose union has the
     shortest perimeter P left around it, so that unions stay round, plus ``crowding`` times s^2 / P for a seam of length s:
-    a long seam behind a narrow neck crowds all that lies beyond. Raises PartitionInputError where no pair is left.
+    a long seam behind a narrow neck crowds all that lies beyond; of pairs that cost about the same one whose welds before it
+    are fewer levels deep. Raises PartitionInputError where no pair is left.
     """
     graph: nx.Graph = nx.Graph()
     graph.add_nodes_from(range(patch_count), level=0)
     relabel = np.arange(patch_count)
     name = list(range(patch_count))  # representative label -> component id
-    level = [0] * patch_count
+    level = np.zeros(patch_count, np.int64)
     steps: list[WeldStep] = []
     for step in range(patch_count - 1):
         last = closed and step == patch_count - 2
@@ -104,12 +107,13 @@ def plan_welds(table: SeamTable, patch_count: int, closed: bool = False, crowdin
         pairs = contacts.pairs[usable]
         seam = contacts.length[usable]
         perimeter = np.maximum(border[pairs].sum(axis=1) - 2.0 * seam, _NECK * seam)
-        cost = perimeter + crowding * seam**2 / perimeter
+        levels = 1 + level[pairs].max(axis=1)
+        cost = (perimeter + crowding * seam**2 / perimeter) * (1.0 + _DEPTH * levels)
         cost = np.round(cost / border.sum(), _TIE_DIGITS)  # ties fall the same way whatever rounding says
         best = int(np.lexsort((pairs[:, 1], pairs[:, 0], cost))[0])
         p, q = (int(v) for v in pairs[best])
         result = patch_count + step
-        new_level = 1 + max(level[p], level[q])
+        new_level = int(levels[best])
         steps.append(WeldStep(name[p], name[q], result, new_level, int(contacts.edge_count[usable[best]]), last))
         graph.add_edge(name[p], result)
         graph.add_edge(name[q], result)
@@ -158,10 +162,10 @@ def split_mesh(
                     f"the cut edges leave {patch_count} parts, and {problems[0]}{more}; --repair-cuts would mend this"
                 )
             if problems:
-                labels = make_disks(mesh.vertices, mesh.faces, topology.twins, labels, patch_count)
+                labels = make_disks(mesh.vertices, mesh.faces, topology.twins, labels, patch_count, at_once=at_once)
         else:
-            labels = partition_faces(mesh.vertices, mesh.faces, topology.twins, patch_count, seed)
-        table = seam_table(mesh.vertices, mesh.faces, topology.twins, labels)
+            labels = partition_faces(mesh.vertices, mesh.faces, topology.twins, patch_count, seed, at_once)
+        table = seam_table(mesh.vertices, mesh.faces, topology.twins, labels, at_once)
     except PartitionError as problem:
         raise PartitionInputError(str(problem)) from problem
     return Split(labels, patch_count, _edge_table(mesh, topology.twins, labels, mollification), table)

@@ -6,17 +6,19 @@ A half-edge ``h = 3 f + i`` runs from ``faces[f, i]`` to ``faces[f, (i + 1) % 3]
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 
 import numba
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from pgcp.parallel import at_once
+from pgcp.parallel import at_once, in_parts
 from pgcp.types import IntArray
 
 BOUNDARY = -1
 NON_MANIFOLD = -2
+_LEAST_VERTICES = 1 << 16  # worth a thread
 _MANY = 64  # edges from one vertex that are sorted by insertion
 
 
@@ -86,34 +88,44 @@ class Topology:
 
 
 @numba.njit(cache=True, nogil=True)
-def _by_lower_end(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray, IntArray]:
-    """Half-edges sorted by their lower vertex: where each vertex begins, half-edge, higher vertex."""
-    starts = np.zeros(vertex_count + 1, np.int64)
+def _by_lower_end(faces: IntArray, first: int, stop: int, ids: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    """Half-edges whose lower vertex is one from first to stop, sorted by it: where each begins, half-edge, higher vertex.
+
+    Half-edges have the type of ``ids``.
+    """
+    starts = np.zeros(stop - first + 1, np.int64)
     for f in range(faces.shape[0]):
         for i in range(3):
-            starts[min(faces[f, i], faces[f, (i + 1) % 3]) + 1] += 1
-    for v in range(vertex_count):
+            lower = min(faces[f, i], faces[f, (i + 1) % 3])
+            if first <= lower < stop:
+                starts[lower - first + 1] += 1
+    for v in range(stop - first):
         starts[v + 1] += starts[v]
     fill = starts.copy()
-    half_edge = np.empty(3 * faces.shape[0], np.int64)
-    higher = np.empty(3 * faces.shape[0], np.int32)
+    half_edge = np.empty(starts[-1], ids.dtype)
+    higher = np.empty(starts[-1], np.int32)
     for f in range(faces.shape[0]):
         for i in range(3):
             a, b = faces[f, i], faces[f, (i + 1) % 3]
-            at = fill[min(a, b)]
-            fill[min(a, b)] += 1
-            half_edge[at], higher[at] = 3 * f + i, max(a, b)
+            lower = min(a, b)
+            if first <= lower < stop:
+                at = fill[lower - first]
+                fill[lower - first] += 1
+                half_edge[at], higher[at] = 3 * f + i, max(a, b)
     return starts, half_edge, higher
 
 
 @numba.njit(cache=True, nogil=True)
-def _pair(faces: IntArray, vertex_count: int, twins: IntArray) -> tuple[int, IntArray, IntArray]:
-    """Fill in twins; returns the number of edges, and one half-edge of each with more than two faces or two that disagree."""
-    starts, half_edge, higher = _by_lower_end(faces, vertex_count)
+def _pair(faces: IntArray, twins: IntArray, first: int, stop: int) -> tuple[int, IntArray, IntArray]:
+    """Fill in twins of half-edges whose lower vertex is one from first to stop.
+
+    Returns the number of edges, and one half-edge of each with more than two faces or two that disagree.
+    """
+    starts, half_edge, higher = _by_lower_end(faces, first, stop, twins)
     crowded = [np.int64(0) for _ in range(0)]
     turned = [np.int64(0) for _ in range(0)]
     edge_count = 0
-    for v in range(vertex_count):
+    for v in range(stop - first):
         low, high = starts[v], starts[v + 1]
         if high - low > _MANY:
             order = np.argsort(higher[low:high], kind="mergesort")
@@ -128,32 +140,32 @@ def _pair(faces: IntArray, vertex_count: int, twins: IntArray) -> tuple[int, Int
                 higher[j + 1], half_edge[j + 1] = key, h
         start = low
         while start < high:
-            stop = start + 1
-            while stop < high and higher[stop] == higher[start]:
-                stop += 1
+            end = start + 1
+            while end < high and higher[end] == higher[start]:
+                end += 1
             edge_count += 1
-            first = half_edge[start]
-            if stop - start == 2:
-                second = half_edge[start + 1]
-                twins[first], twins[second] = second, first
-                if faces[first // 3, first % 3] == faces[second // 3, second % 3]:
-                    turned.append(first)
-            elif stop - start > 2:
-                crowded.append(first)
-                for r in range(start, stop):
+            one = np.int64(half_edge[start])
+            if end - start == 2:
+                other = np.int64(half_edge[start + 1])
+                twins[one], twins[other] = other, one
+                if faces[one // 3, one % 3] == faces[other // 3, other % 3]:
+                    turned.append(one)
+            elif end - start > 2:
+                crowded.append(one)
+                for r in range(start, end):
                     twins[half_edge[r]] = NON_MANIFOLD
-            start = stop
-    return edge_count, np.sort(np.array(crowded)), np.sort(np.array(turned))
+            start = end
+    return edge_count, np.array(crowded), np.array(turned)
 
 
 def _paired(faces: IntArray, vertex_count: int) -> tuple[IntArray, int, IntArray, IntArray]:
-    """Twins (3F,), in 32 bits where they fit, and what ``_pair`` says."""
+    """Twins (3F,), in 32 bits where they fit, and what ``_pair`` says of all edges."""
     half_edge_count = 3 * len(faces)
     twins: IntArray = np.full(half_edge_count, BOUNDARY, np.int32 if half_edge_count < 2**31 else np.int64)
-    if half_edge_count == 0:
-        return twins, 0, np.empty(0, np.int64), np.empty(0, np.int64)
-    edge_count, crowded, turned = _pair(np.ascontiguousarray(faces), vertex_count, twins)
-    return twins, edge_count, crowded, turned
+    faces = np.ascontiguousarray(faces)
+    parts = in_parts(partial(_pair, faces, twins), vertex_count, _LEAST_VERTICES)
+    counts, crowded, turned = zip(*parts, strict=True)
+    return twins, sum(counts), np.sort(np.concatenate(crowded)), np.sort(np.concatenate(turned))
 
 
 def pair_half_edges(faces: IntArray, vertex_count: int) -> IntArray:

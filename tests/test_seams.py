@@ -7,7 +7,7 @@ import pytest
 from meshes import grid, icosphere, lifted
 
 from partition import check_partition, partition_faces, seam_half_edges
-from partition.clusters import cluster_graph
+from partition.clusters import cluster_graph, grow_clusters
 from partition.dual_graph import dual_graph, edge_lengths, label_components, vertex_starts
 from partition.straighten import straighten_seams
 from pgcp.topology import pair_half_edges
@@ -26,7 +26,8 @@ def seam_length(mesh, twins, lengths, labels):
 def test_clusters_are_connected_and_their_graph_weighs_what_they_share(size):
     mesh = lifted(grid(20, 15, jitter=0.3))
     twins, lengths, _ = parts_of(mesh)
-    cluster, sizes, graph = cluster_graph(twins, lengths, size)
+    clusters = grow_clusters(twins, size)
+    cluster, sizes, graph = clusters[0], np.diff(clusters[2]), cluster_graph(twins, lengths, *clusters)
     assert (np.bincount(cluster) == sizes).all()
     assert sizes.min() >= 1
     assert sizes.max() == size
