@@ -46,7 +46,8 @@ def build_parser() -> argparse.ArgumentParser:
         "--workers",
         type=_number,
         metavar="N",
-        help="worker processes here, 0 for none; auto (default): one a processor for files of 20 MB and more, else none",
+        help="worker processes here, and processors in all; 0 for none; auto (default): one a processor for files of 20 MB and "
+        "more, else none",
     )
     parser.add_argument("--scheduler", metavar="ADDRESS", help="use the running dask scheduler at this address")
     parser.add_argument("--scheduler-file", type=Path, metavar="FILE", help="use the dask scheduler this file describes")

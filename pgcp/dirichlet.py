@@ -108,14 +108,22 @@ def eliminate_mesh(
 
 
 def harmonic_solver(
-    vertices: FloatArray, faces: IntArray, kept: IntArray, backend: str = "nested", mollification: float = 0.0
+    vertices: FloatArray,
+    faces: IntArray,
+    kept: IntArray,
+    backend: str = "nested",
+    mollification: float = 0.0,
+    order: IntArray | None = None,
 ) -> DirichletSolver:
-    """What extends values at ``kept`` (n_K,) harmonically and no more, in less time than ``eliminate_mesh``; raises alike."""
+    """What extends values at ``kept`` (n_K,) harmonically and no more, in less time than ``eliminate_mesh``; raises alike.
+
+    order (F,): how the nested backend has dissected the faces before.
+    """
     if backend == "nested":
         from pgcp.dirichlet_nested import NestedSolver
 
         with suppress(SolveFailedError):
-            return NestedSolver(vertices, faces, kept, mollification)
+            return NestedSolver(vertices, faces, kept, mollification, order)
     return eliminate_mesh(vertices, faces, kept, available_backends()[0] if backend == "nested" else backend, mollification)
 
 

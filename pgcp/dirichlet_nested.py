@@ -231,9 +231,11 @@ class _Elimination:
         mollification: float,
         without_kept: bool,
         keeps: Callable[[int], bool] | None = None,
+        order: IntArray | None = None,
     ) -> None:
         self.faces = np.ascontiguousarray(faces, np.int32)
-        tree = dissect(vertices, self.faces, kept, without_kept=without_kept)
+        tree = dissect(vertices, self.faces, kept, without_kept=without_kept, order=order)
+        self.order = tree.order
         if (tree.position < 0).any():
             raise SolveFailedError("the Laplacian is singular: a vertex is in no face")
         self.weights = corner_weights(vertices, self.faces, mollification)
@@ -253,10 +255,20 @@ class _Elimination:
 
 
 class NestedSolver:
-    """Discrete harmonic functions of a mesh, given at ``kept`` (n_K,): the second pass alone, without a Schur complement."""
+    """Discrete harmonic functions of a mesh, given at ``kept`` (n_K,): the second pass alone, without a Schur complement.
 
-    def __init__(self, vertices: FloatArray, faces: IntArray, kept: IntArray, mollification: float = 0.0) -> None:
-        self._elimination = _Elimination(vertices, faces, kept, mollification, without_kept=True)
+    order (F,): the ``order`` of a factor of the same mesh, which saves time.
+    """
+
+    def __init__(
+        self,
+        vertices: FloatArray,
+        faces: IntArray,
+        kept: IntArray,
+        mollification: float = 0.0,
+        order: IntArray | None = None,
+    ) -> None:
+        self._elimination = _Elimination(vertices, faces, kept, mollification, without_kept=True, order=order)
         self._kept = np.array(kept)
 
     def extend(self, boundary_values: ComplexArray) -> ComplexArray:
@@ -278,9 +290,9 @@ class NestedSolver:
 class NestedFactor:
     """The cotangent Laplacian of a mesh with all but the kept vertices eliminated; see DirichletFactor.
 
-    vertices (n, 3), faces (F, 3), kept (n_K,). keeps(bytes) is asked whether the factor is to be kept: without it there is
-    the Schur complement and no more. Raises SolveFailedError where rounding leaves no positive pivot, or a vertex is in no
-    face.
+    vertices (n, 3), faces (F, 3), kept (n_K,); ``order`` (F,) is how the faces were dissected. keeps(bytes) is asked whether
+    the factor is to be kept: without it there is the Schur complement and no more. Raises SolveFailedError where rounding
+    leaves no positive pivot, or a vertex is in no face.
     """
 
     def __init__(
@@ -293,6 +305,7 @@ class NestedFactor:
     ) -> None:
         e = _Elimination(vertices, faces, kept, mollification, without_kept=False, keeps=keeps)
         count = len(kept)
+        self.order = e.order
         self.is_whole = e.is_kept
         self._factor, self._first, self._starts, self._others = e.factor, e.first, e.starts, e.others
         self._position, self._kept = e.position, np.array(kept)

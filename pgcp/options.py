@@ -37,7 +37,7 @@ class Options:
     """Options of a run.
 
     patches: how many, None for what ``pgcp.plan`` chooses by vertices, workers and memory; workers: 0 for serial, else
-    processes on this machine;
+    processes on this machine, which is then the number of processors in use;
     target: free, disk or sphere, or auto for free on an open and sphere on a closed surface; centre: vertex that goes to
     the centre of the disk or the north pole of the sphere; moebius: correction of the finished map, none, least area
     distortion, least angle error (disk), or auto for what serves the target;

@@ -36,7 +36,7 @@ from pgcp.types import (
 Item = TypeVar("Item")
 Record = TypeVar("Record")
 _MOST_LOSSES = 5
-_STORED_AT_ONCE = 3  # each needs memory for every vertex
+_STORED_AT_ONCE = 2  # each needs memory for every vertex
 
 
 class Clock:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 
 from pgcp.curves import crosses_itself
 from pgcp.dirichlet import DirichletFactor, eliminate_mesh, harmonic_solver
-from pgcp.errors import WeldFailedError
+from pgcp.errors import LostFileError, WeldFailedError
 from pgcp.flatten import flatten_boundary
 from pgcp.interface import Merge, extend_inside, merge_operators, solve_inside
 from pgcp.puncture import Charts, alternated, opened_positions
@@ -109,6 +110,13 @@ class Job:
     stores_operators: bool = False
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FaceOrder:
+    """A patch's faces (Fp,) as the first pass has dissected them."""
+
+    order: IntArray
+
+
 @dataclass(frozen=True, slots=True)
 class SolveReport:
     """What the second pass says of a patch; its arrays are in the store."""
@@ -181,6 +189,9 @@ def flatten_task(job: Job, index: int) -> BoundaryCurve:
     curve = flatten_simply(patch, factor, job.method, job.backend)
     if job.stores_operators:
         store.write_array("operator", index, factor.schur)
+    order = getattr(factor, "order", None)
+    if order is not None:
+        store.write("order", index, FaceOrder(order))
     store.write("curve", index, curve)
     if job.stores_operators:
         _FACTORS.put((job.run, index), factor, job.factor_cache_bytes)
@@ -207,7 +218,10 @@ def solve_task(job: Job, name: str, item: tuple[int, Positions]) -> SolveReport:
     index, boundary = item
     store = PatchStore(job.directory)
     patch = store.read_patch(index)
-    solver = harmonic_solver(patch.vertices, patch.faces, patch.boundary, job.backend, patch.mollification)
+    order = None
+    with suppress(LostFileError):  # it can be found anew
+        order = store.read("order", index, FaceOrder).order
+    solver = harmonic_solver(patch.vertices, patch.faces, patch.boundary, job.backend, patch.mollification, order)
     solved = solve_patch(patch, boundary, solver, job.backend)
     solver.release()
     store.write_map(solved, name)

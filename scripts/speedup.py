@@ -13,7 +13,8 @@ T_n        seconds that pgcp-run says it took, from reading the mesh to writing 
 S_n        speedup T_2 / T_n; where there is no n = 2, the least n takes its place
 n/2        the subdomain ratio
 E_n        efficiency S_n / (n/2)
-parallel   seconds of the stages that run on the workers: flatten, weld, solve; flatten waits for workers that are starting
+parallel   seconds of the stages that run on the workers: flatten, which waits for workers that are starting and welds what it
+           can meanwhile, weld, solve
 S_w        speedup of the whole run over the least number of workers, with the same n
 E_w        S_w by the ratio of the numbers of workers
 S_w par.   the same speedup of the parallel stages alone

@@ -11,7 +11,7 @@ from meshes import cap, grid, lifted, spheroid
 from pgcp.dirichlet import eliminate_mesh, harmonic_solver
 from pgcp.dirichlet_nested import NestedFactor, NestedSolver
 from pgcp.dirichlet_superlu import SuperLUFactor
-from pgcp.dissection import dissect, halved_faces
+from pgcp.dissection import dissect
 from pgcp.errors import SolveFailedError
 from pgcp.operators import cotangent_laplacian
 from pgcp.topology import examine
@@ -76,9 +76,9 @@ def test_the_plan_eliminates_every_vertex_once_and_after_all_it_is_joined_to_bel
 
 def test_halves_are_even_and_lie_apart():
     mesh = grid(64, 16)
-    order, depth = halved_faces(mesh.vertices, mesh.faces, 512)
-    assert depth == 2
-    centres = mesh.vertices[mesh.faces].mean(axis=1)[order]
+    tree = dissect(mesh.vertices, mesh.faces, np.arange(4), 512)
+    assert tree.depth == 2
+    centres = mesh.vertices[mesh.faces].mean(axis=1)[tree.order]
     quarters = np.array_split(centres[:, 0], 4)
     for left, right in pairwise(quarters):
         assert len(left) == len(right)
@@ -118,6 +118,8 @@ def test_the_solver_of_the_second_pass_extends_as_the_factor_does(case):
     assert isinstance(solver, NestedSolver)
     assert np.abs(solver.extend(values) - factor.extend(values)).max() < 1e-12
     assert (solver.extend(values)[kept] == values).all()
+    again = harmonic_solver(mesh.vertices, mesh.faces, kept, "nested", 0.01, factor.order)
+    assert again.extend(values).tobytes() == solver.extend(values).tobytes()
     bare = NestedFactor(mesh.vertices, mesh.faces, kept, 0.01, lambda nbytes: nbytes < 0)
     assert not bare.is_whole
     assert bare.schur.tobytes() == factor.schur.tobytes()
