@@ -32,7 +32,8 @@ _TIE_DIGITS = 9
 # what a long seam costs in the weld order: the choices of open and closed surfaces, tried one after the other
 _CROWDING = {False: (0.0, 0.25, 1.0, 4.0, 16.0), True: (0.0, 1.0, 4.0, 16.0, 64.0)}
 _NECK = 1e-3
-_DEPTH = 0.1  # of the cost, for each level below: flat trees are welded in parallel
+# of the cost, for each level below: flat trees are welded in parallel. Closed surfaces come out better from one growing union
+_DEPTH = {False: 0.1, True: 0.0}
 _NEAR_ENDS = np.array([16, 12, 8, 6, 4, 4, 3, 3, 2, 2, 2, 2, 2, 2, 2, 2])
 
 
@@ -87,8 +88,8 @@ def plan_welds(table: SeamTable, patch_count: int, closed: bool = False, crowdin
     union is a disk again, so choosing greedily never runs into a dead end; the same holds on a closed surface until two
     disks are left, which share their whole boundary and are welded last. Chosen is the pair whose union has the
     shortest perimeter P left around it, so that unions stay round, plus ``crowding`` times s^2 / P for a seam of length s:
-    a long seam behind a narrow neck crowds all that lies beyond; of pairs that cost about the same one whose welds before it
-    are fewer levels deep. Raises PartitionInputError where no pair is left.
+    a long seam behind a narrow neck crowds all that lies beyond. On an open surface, of pairs that cost about the same one
+    whose welds before it are fewer levels deep is chosen. Raises PartitionInputError where no pair is left.
     """
     graph: nx.Graph = nx.Graph()
     graph.add_nodes_from(range(patch_count), level=0)
@@ -108,7 +109,7 @@ def plan_welds(table: SeamTable, patch_count: int, closed: bool = False, crowdin
         seam = contacts.length[usable]
         perimeter = np.maximum(border[pairs].sum(axis=1) - 2.0 * seam, _NECK * seam)
         levels = 1 + level[pairs].max(axis=1)
-        cost = (perimeter + crowding * seam**2 / perimeter) * (1.0 + _DEPTH * levels)
+        cost = (perimeter + crowding * seam**2 / perimeter) * (1.0 + _DEPTH[closed] * levels)
         cost = np.round(cost / border.sum(), _TIE_DIGITS)  # ties fall the same way whatever rounding says
         best = int(np.lexsort((pairs[:, 1], pairs[:, 0], cost))[0])
         p, q = (int(v) for v in pairs[best])

@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from meshes import similarity_error
+from meshes import grid, lifted, similarity_error
 
-from pgcp import weld
+from pgcp import split, weld
 from pgcp.curves import crosses_itself
 from pgcp.errors import WeldFailedError
 from pgcp.natural import natural_boundary
+from pgcp.split import plan_welds, split_mesh
+from pgcp.topology import examine
 from pgcp.types import BoundaryCurve, EdgeTable
 from pgcp.weld import Component, normalise, shared_arc, start_component, subdivide, weld_pair
 from pgcp.zipper import close_arcs, open_arc
@@ -260,3 +262,18 @@ def test_a_curve_whose_points_coincide_cannot_be_opened():
     z[6] = z[5]
     with pytest.raises(WeldFailedError, match="near point 6 of its seam"):
         weld_pair(replace(left, z=z), right)
+
+
+def test_an_open_surface_is_welded_in_few_levels(monkeypatch):
+    mesh = lifted(grid(60, jitter=0.2))
+    table = split_mesh(mesh, examine(mesh.faces, len(mesh.vertices)), 24).table
+
+    def levels():
+        steps = plan_welds(table, 24).steps
+        assert len({step.result for step in steps}) == 23
+        return max(step.level for step in steps)
+
+    few = levels()
+    monkeypatch.setattr(split, "_DEPTH", {False: 0.0})
+    assert few < levels()
+    assert few <= 8
