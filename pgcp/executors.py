@@ -267,16 +267,19 @@ def _script() -> Path | None:
 def _start_cluster(workers: int) -> Any:
     """Start worker processes, reached from this machine only; raises InputError where the main script does not let them."""
     import dask
+    import distributed.utils
     from distributed import LocalCluster
-    from distributed.utils import get_mp_context
 
     settings: dict[str, Any] = {f"distributed.nanny.pre-spawn-environ.{name}": v for name, v in _WORKER_ENVIRONMENT.items()}
-    if sys.platform == "linux":  # elsewhere libraries do not bear it
+    # workers are forked from a process that has imported what they need; elsewhere libraries do not bear that, and an older
+    # dask cannot be told so late
+    forks = sys.platform == "linux" and hasattr(distributed.utils, "get_mp_context")
+    if forks:
         settings["distributed.worker.multiprocessing-method"] = "forkserver"
     try:
         with _interrupts_for_this_process_only(), dask.config.set(settings):
-            if sys.platform == "linux":
-                get_mp_context().set_forkserver_preload(["distributed", "pgcp.tasks"])  # all import once
+            if forks:
+                distributed.utils.get_mp_context().set_forkserver_preload(["distributed", "pgcp.tasks"])
             return LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
@@ -391,10 +394,9 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
     """Tasks on dask workers: a local cluster of processes, or a running cluster.
 
     A local cluster is started in the background: whatever is called first waits for it. It has a processor a worker: joins
-    that leave workers idle use theirs. ``warm`` is called in each worker
-    before its first task. A task whose worker is lost is run again, as are all when the scheduler comes back after it was lost;
-    where there is no scheduler or no worker for ``patience_s`` seconds the run is stopped. A file that one task finds lost is
-    said when the others have finished.
+    that leave workers idle use theirs. ``warm`` is called in each worker before its first task. A task whose worker is lost is
+    run again, as are all when the scheduler comes back after it was lost; where there is no scheduler or no worker for
+    ``patience_s`` seconds the run is stopped. A file that one task finds lost is said when the others have finished.
     """
 
     patience_s = 30.0
