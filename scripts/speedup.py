@@ -126,6 +126,7 @@ def measure_started(path: Path, patches: Sequence[int], workers: int, target: st
     from distributed import LocalCluster
 
     runs = []
+    os.environ.setdefault("DASK_LOGGING__DISTRIBUTED", "critical")  # in workers: what is said while they are closed
     with LocalCluster(
         n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address="127.0.0.1:0"
     ) as cluster:
