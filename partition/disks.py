@@ -118,18 +118,16 @@ def _split_closed(dual: csr_array) -> BoolArray:
 
 def _shortest_cut(tails: IntArray, heads: IntArray, steps: FloatArray, loops: list[list[int]]) -> IntArray:
     """Vertices of the shortest path from the nearest other loop to the longest one."""
-    ids, dense = np.unique(np.concatenate([tails, heads]), return_inverse=True)
-    t, h = dense[: len(tails)], dense[len(tails) :]
-    graph = coo_array((steps, (t, h)), shape=(len(ids), len(ids))).tocsr()
+    used = np.zeros(int(max(tails.max(), heads.max())) + 1, bool)
+    used[tails] = used[heads] = True
+    ids = np.flatnonzero(used)
+    dense = np.cumsum(used, dtype=np.int32) - 1
+    graph = coo_array((steps, (dense[tails], dense[heads])), shape=(len(ids), len(ids))).tocsr()
     main = max(loops, key=len)
     distance, previous, _ = dijkstra(
-        graph.maximum(graph.T),
-        directed=False,
-        indices=np.searchsorted(ids, np.array(main)),
-        min_only=True,
-        return_predecessors=True,
+        graph, directed=False, indices=dense[np.array(main)], min_only=True, return_predecessors=True
     )
-    goals = np.searchsorted(ids, np.array([v for loop in loops if loop is not main for v in loop]))
+    goals = dense[np.array([v for loop in loops if loop is not main for v in loop])]
     place = int(goals[np.argmin(distance[goals])])
     path = [int(ids[place])]
     while previous[place] >= 0:
@@ -140,11 +138,9 @@ def _shortest_cut(tails: IntArray, heads: IntArray, steps: FloatArray, loops: li
 
 def _are_on(path: IntArray, tails: IntArray, heads: IntArray) -> BoolArray:
     """Which edges, from tails to heads (N,), are steps of a path."""
-    size = int(max(tails.max(), heads.max(), path.max())) + 1
-    steps = np.sort(path[:-1].astype(np.int64) * size + path[1:])
-    keys = tails.astype(np.int64) * size + heads
-    place = np.minimum(np.searchsorted(steps, keys), len(steps) - 1)
-    on: BoolArray = steps[place] == keys
+    after = np.full(int(max(tails.max(), heads.max(), path.max())) + 1, -1, np.int64)
+    after[path[:-1]] = path[1:]
+    on: BoolArray = after[tails] == heads
     return on
 
 
@@ -158,12 +154,13 @@ def _rings_to_halves(
     """
     members = np.flatnonzero(labels == part)
     n = len(members)
-    local = np.full(len(labels), -1, np.int64)
+    local = np.full(len(labels), -1, np.int32)
     local[members] = np.arange(n)
     half = (3 * members[:, None] + np.arange(3)).reshape(-1)
     rows = np.repeat(np.arange(n), 3)
     across = np.where(twins[half] >= 0, local[np.maximum(twins[half], 0) // 3], -1)
-    tails, heads = faces[members].reshape(-1), faces[members][:, [1, 2, 0]].reshape(-1)
+    own = faces[members]
+    tails, heads = own.reshape(-1), own[:, [1, 2, 0]].reshape(-1)
     labels = labels.copy()
     new_label = int(labels.max()) + 1
     rim = across < 0
@@ -176,12 +173,15 @@ def _rings_to_halves(
     cut = _shortest_cut(tails, heads, lengths[half], loops)
     forward, backward = _are_on(cut, tails, heads), _are_on(cut, heads, tails)
     free = ~rim & ~forward & ~backward
-    centre = vertices[faces[members]].mean(axis=1)
-    gap = np.linalg.norm(centre[rows[free]] - centre[across[free]], axis=1)
-    walk = coo_array((gap + 1e-12 * gap.max(), (rows[free], across[free])), shape=(n, n)).tocsr()
-    left = dijkstra(walk, directed=False, indices=np.unique(rows[forward]), min_only=True)
-    right = dijkstra(walk, directed=False, indices=np.unique(rows[backward]), min_only=True)
-    labels[members[right < left]] = new_label
+    here, there = rows[free], across[free]
+    centre = vertices[own[:, 0]] + vertices[own[:, 1]] + vertices[own[:, 2]]
+    gap = np.sqrt(((centre[here] - centre[there]) ** 2).sum(axis=1))
+    walk = coo_array((gap + 1e-12 * gap.max(), (here, there)), shape=(n, n)).tocsr()
+    left = np.zeros(n, bool)
+    left[rows[forward]] = True
+    sides = np.unique(rows[forward | backward])
+    _, _, nearest = dijkstra(walk, directed=False, indices=sides, min_only=True, return_predecessors=True)
+    labels[members[~left[nearest]]] = new_label
     return labels
 
 

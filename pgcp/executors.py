@@ -38,6 +38,10 @@ _WORKER_ENVIRONMENT = {
     "MALLOC_MMAP_MAX_": 0,
     "MALLOC_TRIM_THRESHOLD_": 1 << 30,
 }
+_QUIET = {  # what dask does beside tasks a hundred times a second, on the processors that they need
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+}
 _LOOK_S = 2.0
 _JOINS_FIRST = 1  # of all tasks: what is joined at last waits for every join before it
 _MOST_TRIES = 5
@@ -271,6 +275,7 @@ def _start_cluster(workers: int) -> Any:
     from distributed import LocalCluster
 
     settings: dict[str, Any] = {f"distributed.nanny.pre-spawn-environ.{name}": v for name, v in _WORKER_ENVIRONMENT.items()}
+    settings |= _QUIET
     # workers are forked from a process that has imported what they need; elsewhere libraries do not bear that, and an older
     # dask cannot be told so late
     forks = sys.platform == "linux" and hasattr(distributed.utils, "get_mp_context")
@@ -279,7 +284,7 @@ def _start_cluster(workers: int) -> Any:
     try:
         with _interrupts_for_this_process_only(), dask.config.set(settings):
             if forks:
-                distributed.utils.get_mp_context().set_forkserver_preload(["distributed", "pgcp.tasks"])
+                distributed.utils.get_mp_context().set_forkserver_preload(["distributed", "pgcp.warmed"])
             return LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,

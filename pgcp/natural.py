@@ -24,6 +24,8 @@ _MAX_PANELS = 1200
 _GROUP, _TERMS, _AWAY = 24, 26, 4.0  # panels summed at once from four radii on: 4^-26 is 2e-16
 _LEAST_ROWS, _LEAST_POINTS = 256, 2048  # worth a thread
 _FAR = 0.01  # squared: panels seen from ten times their half-length on
+_VERY_FAR = 1e-4
+_BLOCK = 512  # points whose sums stay at hand
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
@@ -59,17 +61,39 @@ def _panel(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def _far_angles(px: float, py: float, x: FloatArray, y: FloatArray, angle: FloatArray) -> None:
+    """Angle of every panel from x[k], y[k] to the next one that is far from a point, NaN for the others.
+
+    As in ``_panel``, with as many terms as serve here: without a branch the loop takes several panels at once.
+    """
+    for k in range(angle.shape[0]):
+        ax, ay, bx, by = x[k] - px, y[k] - py, x[k + 1] - px, y[k + 1] - py
+        sx, sy, dx, dy = bx + ax, by + ay, bx - ax, by - ay
+        size = sx * sx + sy * sy
+        inverse = 1.0 / size
+        tx, ty = (dx * sx + dy * sy) * inverse, (dy * sx - dx * sy) * inverse
+        qx, qy = tx * tx - ty * ty, 2.0 * tx * ty
+        re, im = 2.0 / 7.0 * qx + 2.0 / 5.0, 2.0 / 7.0 * qy
+        re, im = re * qx - im * qy + 2.0 / 3.0, re * qy + im * qx
+        re, im = re * qx - im * qy + 2.0, re * qy + im * qx
+        angle[k] = re * ty + im * tx if dx * dx + dy * dy < _VERY_FAR * size else np.nan
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _angle_rows(x: FloatArray, y: FloatArray, starts: IntArray, reach: FloatArray, begin: int, stop: int) -> FloatArray:
     """Mean angle / 2 pi under which each panel (column) is seen from the edge midpoints of panels (rows) begin to stop."""
     count = starts.shape[0] - 1
     out = np.zeros((stop - begin, count))
+    x_start, y_start, angle = x[starts], y[starts], np.empty(count)
     for row in range(begin, stop):
         share = 1.0 / (2.0 * np.pi * (starts[row + 1] - starts[row]))
         for e in range(starts[row], starts[row + 1]):
             px, py = 0.5 * (x[e] + x[e + 1]), 0.5 * (y[e] + y[e + 1])
+            _far_angles(px, py, x_start, y_start, angle)
             for column in range(count):
-                _, angle = _panel(px, py, x, y, starts[column], starts[column + 1], reach[column], e)
-                out[row - begin, column] += share * angle
+                if np.isnan(angle[column]):
+                    _, angle[column] = _panel(px, py, x, y, starts[column], starts[column + 1], reach[column], e)
+                out[row - begin, column] += share * angle[column]
     return out
 
 
@@ -105,6 +129,38 @@ def _moments(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def _add_from_afar(
+    px: FloatArray,
+    py: FloatArray,
+    centre: complex,
+    radius: float,
+    away: float,
+    moments: ComplexArray,
+    re: FloatArray,
+    im: FloatArray,
+) -> None:
+    """Add to 2 pi Phi what one group does to the points that are farther than the root of ``away`` from its centre.
+
+    Short loops without branches, which take several points at once.
+    """
+    count = px.shape[0]
+    tx, ty = np.empty(count), np.empty(count)
+    ax, ay = np.zeros(count), np.zeros(count)
+    for i in range(count):
+        dx, dy = px[i] - centre.real, py[i] - centre.imag
+        size = dx * dx + dy * dy
+        inverse = radius / size if size > away else 0.0
+        tx[i], ty[i] = dx * inverse, -dy * inverse
+    for p in range(_TERMS - 1, -1, -1):
+        one, two = moments[p].real, moments[p].imag
+        for i in range(count):
+            ax[i], ay[i] = ax[i] * tx[i] - ay[i] * ty[i] + one, ax[i] * ty[i] + ay[i] * tx[i] + two
+    for i in range(count):
+        re[i] += ax[i] * ty[i] + ay[i] * tx[i]
+        im[i] -= ax[i] * tx[i] - ay[i] * ty[i]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _phi_at(
     points: ComplexArray,
     own: IntArray,
@@ -121,31 +177,21 @@ def _phi_at(
 
     Groups of panels that are far from a point are summed by their moments (see ``_moments``), to rounding.
     """
-    out = np.empty(points.shape[0], np.complex128)
-    for i in range(points.shape[0]):
-        px, py = points[i].real, points[i].imag
-        re, im = 0.0, 0.0
+    px, py = points.real.copy(), points.imag.copy()
+    re, im = np.zeros(points.shape[0]), np.zeros(points.shape[0])
+    for begin in range(0, points.shape[0], _BLOCK):
+        block = slice(begin, min(begin + _BLOCK, points.shape[0]))
         for g in range(centres.shape[0]):
-            dx, dy = px - centres[g].real, py - centres[g].imag
-            size = dx * dx + dy * dy
-            if size > _AWAY * _AWAY * radii[g] * radii[g]:
-                tx, ty = radii[g] * dx / size, -radii[g] * dy / size
-                qx, qy = tx * tx - ty * ty, 2.0 * tx * ty
-                # even and odd powers apart: two chains that run side by side
-                ax, ay, bx, by = 0.0, 0.0, 0.0, 0.0
-                for p in range(_TERMS - 2, -1, -2):
-                    one, two = moments[g, p], moments[g, p + 1]
-                    ax, ay = ax * qx - ay * qy + one.real, ax * qy + ay * qx + one.imag
-                    bx, by = bx * qx - by * qy + two.real, bx * qy + by * qx + two.imag
-                ax, ay = ax + bx * tx - by * ty, ay + bx * ty + by * tx
-                re += ax * ty + ay * tx
-                im -= ax * tx - ay * ty
-                continue
-            for k in range(g * _GROUP, min((g + 1) * _GROUP, density.shape[0])):
-                log_ratio, angle = _panel(px, py, x, y, starts[k], starts[k + 1], reach[k], own[i])
-                re += density[k] * angle
-                im -= density[k] * log_ratio
-        out[i] = complex(re, im) / (2.0 * np.pi)
+            away = (_AWAY * radii[g]) ** 2
+            _add_from_afar(px[block], py[block], centres[g], radii[g], away, moments[g], re[block], im[block])
+            for i in range(block.start, block.stop):
+                if (px[i] - centres[g].real) ** 2 + (py[i] - centres[g].imag) ** 2 > away:
+                    continue
+                for k in range(g * _GROUP, min((g + 1) * _GROUP, density.shape[0])):
+                    log_ratio, angle = _panel(px[i], py[i], x, y, starts[k], starts[k + 1], reach[k], own[i])
+                    re[i] += density[k] * angle
+                    im[i] -= density[k] * log_ratio
+    out: ComplexArray = (re + 1j * im) / (2.0 * np.pi)
     return out
 
 

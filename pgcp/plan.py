@@ -12,7 +12,8 @@ from pgcp.errors import InputError
 
 DEFAULT_PATCHES = 6
 _FEWEST_FACES = 100
-_MOST_VERTICES = 200_000  # of a patch: larger ones take longer per vertex, more of them longer seams
+_GOOD_VERTICES, _FEW_PATCHES = 120_000, 12  # larger patches take longer per vertex, which more seams soon make up for
+_MOST_VERTICES = 200_000
 _FEWEST_VERTICES = 20_000
 _DRIVER = 300_000_000
 _DRIVER_PER_VERTEX, _DRIVER_PER_VERTEX_CLOSED = 290, 420  # a sphere is corrected and turned as a whole
@@ -40,9 +41,10 @@ def make_plan(
 ) -> Plan:
     """Choose what has not been chosen.
 
-    Six patches, fewer on a mesh of less than 600 faces, more where they would have more than 200,000 vertices, where there are
-    more workers, or where memory is short: the working set of a pass is that of one patch a process. What memory is then left
-    goes to factors that are kept, where seams are solved exactly. Raises InputError where the limit is too low for the mesh.
+    Six patches, fewer on a mesh of less than 600 faces, up to twelve of 120,000 vertices, more where they would have more than
+    200,000, where there are more workers, or where memory is short: the working set of a pass is that of one patch a process.
+    What memory is then left goes to factors that are kept, where seams are solved exactly. Raises InputError where the limit
+    is too low for the mesh.
     """
     processes = max(1, workers)
     room: float = math.inf
@@ -53,7 +55,7 @@ def make_plan(
         room = (memory_limit_bytes - taken) / processes
     if patches is None:
         patches = max(fewest, min(DEFAULT_PATCHES, face_count // _FEWEST_FACES))
-        patches = max(patches, -(-vertex_count // _MOST_VERTICES))
+        patches = max(patches, min(_FEW_PATCHES, -(-vertex_count // _GOOD_VERTICES)), -(-vertex_count // _MOST_VERTICES))
         if vertex_count > processes * _FEWEST_VERTICES:
             patches = max(patches, processes)
         if room < math.inf:

@@ -20,6 +20,7 @@ from pgcp.parallel import in_parts
 from pgcp.types import ComplexArray, FloatArray
 
 _LEAST_POINTS, _LEAST_VALUES = 1024, 1 << 16  # worth a thread
+_LEAST_SQUARE, _MOST_SQUARE = 1e-280, 1e280  # no digits are lost between
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
@@ -65,7 +66,12 @@ def _moebius(x: float, y: float, c: float, d: float) -> tuple[float, float]:
 def _root_difference(difference: complex, root: complex, before: complex) -> complex:
     """root - before where difference = root^2 - before^2, without cancellation."""
     total, plain = root + before, root - before
-    return difference / total if abs(total) >= abs(plain) else plain
+    square = total.real * total.real + total.imag * total.imag
+    if square < plain.real * plain.real + plain.imag * plain.imag:
+        return plain
+    if square < _LEAST_SQUARE:
+        return difference / total if abs(total) >= abs(plain) else plain
+    return difference * total.conjugate() * (1.0 / square)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -77,29 +83,30 @@ def _open_rest_of_arc(x: FloatArray, steps: ComplexArray, first: int) -> None:
     as precise as any when the slit reaches it. x holds the real parts, which keep a relative precision of their own.
     """
     a, b = x[first], steps[first].imag
-    xi = complex(a, b)
     square = a * a + b * b
     c, d = a / square, b / square
+    one_by_xi = complex(c, -d)
     y = b
     along = 0.0 + 0.0j
-    q_before = complex(1.0 - d * b, d * a)
+    before = complex(1.0 - d * b, -d * a) / ((1.0 - d * b) ** 2 + (d * a) ** 2)
     image_before = 1.0 + 0.0j
     root_before = 0.0 + 0.0j
     for m in range(first + 1, x.shape[0]):
         y += steps[m].imag
         along += steps[m]
-        q = complex(1.0 - d * y, d * x[m])
-        q2 = q.real * q.real + q.imag * q.imag
-        image = complex(c * x[m] / q2, c * (y * q.real - d * x[m] * x[m]) / q2)
-        product = along / (xi * q) * (image + 1.0)
+        q_re, q_im = 1.0 - d * y, d * x[m]
+        share = 1.0 / (q_re * q_re + q_im * q_im)
+        inverse = complex(share * q_re, -share * q_im)  # 1 / (1 + i d z)
+        image = complex(share * c * x[m], share * c * (y * q_re - d * x[m] * x[m]))
+        product = along * one_by_xi * inverse * (image + 1.0)
         re, im = _right_root(product.real, 2.0 * image.real * image.imag)
         root = complex(re, im)
         if m == first + 1:
             steps[m] = root
         else:
-            steps[m] = _root_difference(c * steps[m] / (q * q_before) * (image + image_before), root, root_before)
+            steps[m] = _root_difference(c * steps[m] * (inverse * before) * (image + image_before), root, root_before)
         x[m] = re
-        q_before, image_before, root_before = q, image, root
+        before, image_before, root_before = inverse, image, root
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -286,7 +293,12 @@ def _scale_variation(
     for n in range(poles.shape[0]):
         total, mean, square = 0.0, 0.0, 0.0
         for e in range(tails.shape[0]):
-            value = log_lengths[e] - np.log(abs(tails[e] - poles[n])) - np.log(abs(heads[e] - poles[n]))
+            t, h = tails[e] - poles[n], heads[e] - poles[n]
+            product = (t.real * t.real + t.imag * t.imag) * (h.real * h.real + h.imag * h.imag)
+            if _LEAST_SQUARE < product < _MOST_SQUARE:
+                value = log_lengths[e] - 0.5 * np.log(product)
+            else:
+                value = log_lengths[e] - np.log(abs(t)) - np.log(abs(h))
             if not np.isfinite(value):
                 continue
             total += weights[e]

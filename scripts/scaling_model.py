@@ -13,7 +13,7 @@ fit       seconds and bytes as sums of powers of sizes, with factors that are no
 simulate  list scheduling of flatten and the tree of welds, which go first when they can begin, then solve; an overhead for
           every task; patches go through the store's link, curves and unions through the driver's, each of --bandwidth-gbit
           and used by one transfer at a time.
-          Patches are max(6, V / 200,000, W). The tree of welds is that of a flat square, planned by the package for up to
+          Patches are as many as pgcp-run takes. The tree of welds is that of a flat square, planned by the package for up to
           256 parts, each halved further as needed
 validate  the first mesh in --validate patches (0: not at all) on 1 and 2 worker processes that have been started before,
           against the measured times replayed (replay) and against the fits (model), without a network
@@ -47,11 +47,11 @@ from pgcp import pipeline
 from pgcp.executors import Joining, SerialExecutor
 from pgcp.natural import natural_boundary
 from pgcp.parallel import limited_to
+from pgcp.plan import DEFAULT_PATCHES, make_plan
 from pgcp.split import cut_patches, plan_welds, split_mesh
 from pgcp.topology import examine
 from pgcp.zipper import close_arcs, open_arc
 
-FEWEST_PATCHES, PATCH_VERTICES = 6, 200_000
 PLANNED = 256  # parts of the tree that the package plans
 _PART_VERTICES = 150
 _PANELS = 1200  # panels of the natural boundary, as in pgcp.natural
@@ -620,7 +620,7 @@ class Prediction:
 
 def default_patches(vertices: float, workers: int) -> int:
     """How many patches a run is taken to have."""
-    return int(max(FEWEST_PATCHES, np.ceil(vertices / PATCH_VERTICES), workers))
+    return make_plan(int(vertices), 2 * int(vertices), workers).patches
 
 
 def predict(model: Model, vertices: float, patches: int, workers: int, network: Network) -> Prediction:
@@ -747,7 +747,7 @@ def parsed(words: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--patches", type=numbers, default=numbers("6,24,64,128"))
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("--target", default="auto")
-    parser.add_argument("--validate", type=int, default=FEWEST_PATCHES, metavar="K")
+    parser.add_argument("--validate", type=int, default=DEFAULT_PATCHES, metavar="K")
     parser.add_argument("--vertices", default="1e6,1e7,1e8,1e9")
     parser.add_argument("--workers", type=numbers, default=[2**k for k in range(11)])
     parser.add_argument("--task-overhead-ms", type=float, default=5.0)

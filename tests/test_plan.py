@@ -11,7 +11,9 @@ def test_patches_by_vertices_and_workers():
     assert make_plan(16, 18, 0, fewest=2).patches == 2
     assert make_plan(200, 338, 0).patches == 3
     assert make_plan(150_000, 300_000, 0).patches == 6
-    assert make_plan(1_100_000, 2_200_000, 2).patches == 6
+    assert make_plan(700_000, 1_400_000, 2).patches == 6
+    assert make_plan(1_100_000, 2_200_000, 2).patches == 10
+    assert make_plan(2_300_000, 4_600_000, 2).patches == 12
     assert make_plan(10_000_000, 19_990_000, 2).patches == 50
     assert make_plan(1_100_000, 2_200_000, 16).patches == 16
     assert make_plan(1_000, 2_000, 16).patches == 6  # not for a mesh on which more processes would be of no use
