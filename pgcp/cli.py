@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from pgcp.errors import InputError, NumericalError, PgcpError, StoppedError
+from pgcp.forks import prepare_forks
 from pgcp.options import FLATTENERS, METHODS, MOEBIUS, REPAIRS, SEAMS, TARGETS, Options
 from pgcp.parallel import leave, processor_count
 from pgcp.types import Mesh, Parameterization
@@ -359,6 +360,8 @@ def _run(arguments: argparse.Namespace, signals: _Signals) -> int:
             raise InputError(f"{path}: there is no such {what}")
     if arguments.store is not None and not arguments.store.is_dir():
         raise InputError(f"{arguments.store}: the store is no directory")
+    if options.starts_workers and not arguments.check_only:
+        prepare_forks()
     from pgcp.demo import demo_mesh
     from pgcp.io import read_mesh
 

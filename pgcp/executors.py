@@ -10,7 +10,6 @@ import atexit
 import ctypes
 import logging
 import multiprocessing
-import signal
 import sys
 import threading
 import time
@@ -18,26 +17,19 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
 
 from pgcp.errors import InputError, LostFileError, SolveFailedError, StoppedError
+from pgcp.forks import FORKS, WORKER_ENVIRONMENT, interrupts_for_this_process_only, prepare_forks
 from pgcp.parallel import leave, limited_to
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 Progress = Callable[[str, int, int], None]
 _ANSWER_S = "10s"
-_WORKER_ENVIRONMENT = {
-    "DASK_LOGGING__DISTRIBUTED": "critical",  # silence_logs ends before a worker
-    # memory of one patch serves the next: fresh pages cost as much as the arithmetic on them
-    "MALLOC_ARENA_MAX": 1,
-    "MALLOC_MMAP_MAX_": 0,
-    "MALLOC_TRIM_THRESHOLD_": 1 << 30,
-}
 _QUIET = {  # what dask does beside tasks a hundred times a second, on the processors that they need
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
@@ -237,20 +229,6 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
         return None
 
 
-@contextmanager
-def _interrupts_for_this_process_only() -> Iterator[None]:
-    """Processes started inside never see Ctrl-C, which a terminal sends to all; one that arrives meanwhile waits."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    resource_tracker.ensure_running()  # its start would unblock the signal in the thread that starts processes
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
 def _check_that_workers_can_start() -> None:
     """Raise InputError where the main script is no file that worker processes could import."""
     if getattr(multiprocessing.current_process(), "_inheriting", False):
@@ -274,17 +252,12 @@ def _start_cluster(workers: int) -> Any:
     import distributed.utils
     from distributed import LocalCluster
 
-    settings: dict[str, Any] = {f"distributed.nanny.pre-spawn-environ.{name}": v for name, v in _WORKER_ENVIRONMENT.items()}
+    settings: dict[str, Any] = {f"distributed.nanny.pre-spawn-environ.{name}": v for name, v in WORKER_ENVIRONMENT.items()}
     settings |= _QUIET
-    # workers are forked from a process that has imported what they need; elsewhere libraries do not bear that, and an older
-    # dask cannot be told so late
-    forks = sys.platform == "linux" and hasattr(distributed.utils, "get_mp_context")
-    if forks:
+    if FORKS and hasattr(distributed.utils, "get_mp_context"):  # an older dask cannot be told so late
         settings["distributed.worker.multiprocessing-method"] = "forkserver"
     try:
-        with _interrupts_for_this_process_only(), dask.config.set(settings):
-            if forks:
-                distributed.utils.get_mp_context().set_forkserver_preload(["distributed", "pgcp.warmed"])
+        with interrupts_for_this_process_only(), dask.config.set(settings):
             return LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
@@ -442,9 +415,10 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
             self._warm_up(self._held)
 
     def _start(self, workers: int) -> None:
-        from distributed import Client
-
         try:
+            prepare_forks()
+            from distributed import Client
+
             self._closing.enter_context(_silenced())
             self._cluster = _start_cluster(workers)
             self._held = Client(self._cluster)

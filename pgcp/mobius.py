@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.special import logsumexp
 
 from pgcp.types import ComplexArray, FloatArray, IntArray
 
@@ -132,6 +131,12 @@ def bend_plane(z: ComplexArray, beta: complex) -> ComplexArray:
     return z / (1.0 - beta * z)
 
 
+def _log_of_sum(logs: FloatArray) -> float:
+    """Log of the sum of numbers (n,) given by their logs."""
+    largest = logs.max()
+    return float(largest + np.log(np.exp(logs - largest).sum()))
+
+
 class AreaSample:
     """A weighted sample of faces on which the mean of |d_area| (PGCP eq. 6.1) is minimised over Moebius maps.
 
@@ -156,7 +161,7 @@ class AreaSample:
         self.weights /= self.weights.sum()
         self._log_weights = np.log(self.weights)
         log_surface, self._log_image = np.log(surface[picked]), np.log(image[picked])
-        self._log_surface = log_surface - logsumexp(log_surface + self._log_weights)
+        self._log_surface = log_surface - _log_of_sum(log_surface + self._log_weights)
 
     def distortion(self, growth: FloatArray, slope: FloatArray) -> tuple[float, FloatArray]:
         """Mean |d_area| (smoothed at 0) when image areas grow by exp(growth) (n,), and its gradient.
@@ -164,7 +169,7 @@ class AreaSample:
         slope (n, k) is the gradient of the growth.
         """
         log_image = self._log_image + growth
-        total = logsumexp(log_image + self._log_weights)
+        total = _log_of_sum(log_image + self._log_weights)
         ratio = log_image - total - self._log_surface
         size = np.sqrt(ratio**2 + _SMOOTH**2)
         share = np.exp(log_image + self._log_weights - total)

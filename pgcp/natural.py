@@ -191,7 +191,9 @@ def _phi_at(
                     log_ratio, angle = _panel(px[i], py[i], x, y, starts[k], starts[k + 1], reach[k], own[i])
                     re[i] += density[k] * angle
                     im[i] -= density[k] * log_ratio
-    out: ComplexArray = (re + 1j * im) / (2.0 * np.pi)
+    out = np.empty(points.shape[0], np.complex128)
+    for i in range(points.shape[0]):
+        out[i] = complex(re[i], im[i]) / (2.0 * np.pi)
     return out
 
 

@@ -84,6 +84,11 @@ class Options:
             return None
         return self.tls_ca, self.tls_cert, self.tls_key
 
+    @property
+    def starts_workers(self) -> bool:
+        """Whether the run has worker processes of its own."""
+        return self.workers > 0 and self.scheduler is None and self.scheduler_file is None
+
     def __post_init__(self) -> None:
         if self.patches is not None and self.patches < 1:
             raise InputError(f"patches is {self.patches}, it must be at least 1")

@@ -64,8 +64,7 @@ def _executor(options: Options, run: str, progress: Progress) -> SerialExecutor 
 
 def _processors(options: Options) -> AbstractContextManager[None]:
     """N workers on this machine mean N processors, between the stages that run on them as well."""
-    elsewhere = options.scheduler is not None or options.scheduler_file is not None
-    return nullcontext() if elsewhere or options.workers == 0 else limited_to(options.workers)
+    return limited_to(options.workers) if options.starts_workers else nullcontext()
 
 
 def _planned(mesh: Mesh, topology: Topology, options: Options, executor: Executor) -> Plan:
