@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -80,9 +80,17 @@ def test_halves_are_even_and_lie_apart():
     assert tree.depth == 2
     centres = mesh.vertices[mesh.faces].mean(axis=1)[tree.order]
     quarters = np.array_split(centres[:, 0], 4)
-    for left, right in pairwise(quarters):
-        assert len(left) == len(right)
-        assert left.max() <= right.min() + 1e-12
+    for one, other in combinations(quarters, 2):
+        assert len(one) == len(other)
+        assert min(one.max(), other.max()) <= max(one.min(), other.min()) + 1e-12
+
+
+def test_a_cut_crosses_few_faces_rather_than_the_longest_axis():
+    mesh = grid(20, 200)
+    wide = mesh.vertices * [30.0, 1.0, 1.0]
+    tree = dissect(wide, mesh.faces, np.arange(4), 4000)
+    assert tree.depth == 1
+    assert np.diff(tree.first)[-1] <= 23
 
 
 def test_where_no_pivot_is_left_another_backend_takes_over(monkeypatch):
