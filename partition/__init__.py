@@ -67,6 +67,6 @@ def partition_faces(
     rings = int(np.clip(_BAND * np.sqrt(len(faces) / part_count), _NARROWEST, _WIDEST))
     for _ in range(_STRAIGHTENINGS):
         shorten_seams(faces, twins, lengths, starts, labels, part_count, limit, _ROUNDS)
-        if straighten_seams(faces, twins, lengths, starts, labels, part_count, rings) == 0:
+        if straighten_seams(faces, twins, lengths, starts, labels, part_count, rings, at_once) == 0:
             break
     return labels

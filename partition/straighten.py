@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from heapq import heappop, heappush
 
 import numba
 import numpy as np
 
-from partition.dual_graph import FloatArray, IntArray
-
-_SEEN = -2
+from partition.dual_graph import AtOnce, FloatArray, IntArray, in_turn
 
 
 @numba.njit(cache=True, nogil=True)
@@ -178,56 +177,112 @@ def _replace(
 
 
 @numba.njit(cache=True, nogil=True)
-def straighten_seams(
-    faces: IntArray, twins: IntArray, lengths: FloatArray, starts: IntArray, labels: IntArray, part_count: int, rings: int
-) -> int:
-    """Replace every seam in place by the shortest path of edges within so many rings of it; returns how many have changed.
-
-    The ends of seams stay where they are. A path uses no vertex of another seam or of the surface's boundary, so parts that
-    are disks stay disks: what a seam joins is a disk, which the path cuts in two.
-    """
-    vertex_count = starts.shape[0]
-    mark = np.full(vertex_count, -1, np.int32)
-    wall = np.full(twins.shape[0], -1, np.int32)
-    distance = np.full(vertex_count, np.inf)
-    came = np.empty(vertex_count, np.int64)
-    size = np.zeros(part_count, np.int64)
+def _find_seams(faces: IntArray, twins: IntArray, starts: IntArray, labels: IntArray) -> tuple[IntArray, IntArray]:
+    """Half-edges of all seams, one after the other, each in its order, and where each seam begins; circles in two halves."""
+    seen = np.zeros(twins.shape[0], np.bool_)
     on_seams = [0 for _ in range(0)]
     for h in range(twins.shape[0]):
-        size[labels[h // 3]] += h % 3 == 0
         if twins[h] >= 0 and labels[h // 3] < labels[twins[h] // 3]:
             on_seams.append(h)
-    seams = [np.empty(0, np.int64) for _ in range(0)]
+    half_edges = [0 for _ in range(0)]
+    begins = [0]
     for closed in (False, True):
         for h in on_seams:
-            if wall[h] == _SEEN or (not closed and _runs(twins, labels, starts[faces[h // 3, h % 3]]) < 3):
+            if seen[h] or (not closed and _runs(twins, labels, starts[faces[h // 3, h % 3]]) < 3):
                 continue
             chain = [h]
-            wall[h] = _SEEN
+            seen[h] = True
             while True:
                 head = _after(chain[-1])
                 if _runs(twins, labels, starts[faces[head // 3, head % 3]]) >= 3:
                     break
                 follower = _next_on_seam(twins, labels, chain[-1])
-                if wall[follower] == _SEEN:
+                if seen[follower]:
                     break
-                wall[follower] = _SEEN
+                seen[follower] = True
                 chain.append(follower)
-            half = len(chain) // 2
-            if closed and half > 0:
-                seams.append(np.array(chain[:half]))
-                seams.append(np.array(chain[half:]))
-            else:
-                seams.append(np.array(chain))
+            half_edges.extend(chain)
+            if closed and len(chain) > 1:
+                begins.append(begins[-1] + len(chain) // 2)
+            begins.append(len(half_edges))
+    return np.array(half_edges) if len(half_edges) > 0 else np.empty(0, np.int64), np.array(begins)
+
+
+@numba.njit(cache=True, nogil=True)
+def _straighten(
+    faces: IntArray,
+    twins: IntArray,
+    lengths: FloatArray,
+    starts: IntArray,
+    labels: IntArray,
+    size: IntArray,
+    rings: int,
+    mark: IntArray,
+    wall: IntArray,
+    distance: FloatArray,
+    came: IntArray,
+    seam: IntArray,
+    number: int,
+) -> bool:
+    """Replace one seam by the shortest path near it; says whether it has changed."""
+    p, q = labels[seam[0] // 3], labels[twins[seam[0]] // 3]
+    _band(faces, twins, labels, starts, seam, rings, mark, number)
+    path = _shortest(faces, twins, labels, lengths, starts, seam, mark, number, distance, came)
+    if path.shape[0] == 0:
+        return False
+    _replace(twins, labels, size, path, wall, number, p, q)
+    return True
+
+
+def _rounds(taken: list[tuple[set[int], set[int]]]) -> list[list[int]]:
+    """Numbers of the seams that can be moved at the same time: no two have a part or an end in common."""
+    rounds: list[tuple[list[int], set[int], set[int]]] = []
+    for number, (parts, ends) in enumerate(taken):
+        for numbers, parts_there, ends_there in rounds:
+            if parts_there.isdisjoint(parts) and ends_there.isdisjoint(ends):
+                numbers.append(number)
+                parts_there.update(parts)
+                ends_there.update(ends)
+                break
+        else:
+            rounds.append(([number], set(parts), set(ends)))
+    return [numbers for numbers, _, _ in rounds]
+
+
+def straighten_seams(
+    faces: IntArray,
+    twins: IntArray,
+    lengths: FloatArray,
+    starts: IntArray,
+    labels: IntArray,
+    part_count: int,
+    rings: int,
+    at_once: AtOnce = in_turn,
+) -> int:
+    """Replace every seam in place by the shortest path of edges within so many rings of it; returns how many have changed.
+
+    The ends of seams stay where they are. A path uses no vertex of another seam or of the surface's boundary, so parts that
+    are disks stay disks: what a seam joins is a disk, which the path cuts in two. Seams without a part or an end in common
+    are replaced ``at_once``: what is read and written for one lies in the two parts that it divides.
+    """
+    half_edges, begins = _find_seams(faces, twins, starts, labels)
+    seams = [seam for seam in np.split(half_edges, begins[1:-1]) if len(seam) > 1]
+    flat = faces.reshape(-1)
+    taken = []
+    for seam in seams:
+        last = int(seam[-1])
+        sides = {int(labels[seam[0] // 3]), int(labels[twins[seam[0]] // 3])}
+        taken.append((sides, {int(flat[seam[0]]), int(flat[last - last % 3 + (last % 3 + 1) % 3])}))
+    work = (
+        np.bincount(labels, minlength=part_count),
+        rings,
+        np.full(len(starts), -1, np.int32),
+        np.full(len(twins), -1, np.int32),
+        np.full(len(starts), np.inf),
+        np.empty(len(starts), np.int64),
+    )
+    straighten = partial(_straighten, faces, twins, lengths, starts, labels, *work)
     changed = 0
-    for number in range(len(seams)):
-        seam = seams[number]
-        if seam.shape[0] < 2:
-            continue
-        p, q = labels[seam[0] // 3], labels[twins[seam[0]] // 3]
-        _band(faces, twins, labels, starts, seam, rings, mark, number)
-        path = _shortest(faces, twins, labels, lengths, starts, seam, mark, number, distance, came)
-        if path.shape[0] > 0:
-            _replace(twins, labels, size, path, wall, number, p, q)
-            changed += 1
+    for numbers in _rounds(taken):
+        changed += sum(at_once(*(partial(straighten, seams[number], number) for number in numbers)))
     return changed

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from functools import partial
 
 import numba
 import numpy as np
@@ -11,37 +12,72 @@ from pgcp.beltrami import signed_area
 from pgcp.errors import InputError
 from pgcp.mobius import are_apart, rotation_to_north, shift_disk
 from pgcp.operators import face_areas
-from pgcp.parallel import in_slices
+from pgcp.parallel import at_once, in_slices
 from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, PatchMap, Positions
 
 _INSIDE = 1e-14
 
 
-def collect(mesh: Mesh, parts: Iterable[tuple[IntArray, IntArray, PatchMap]], target: str) -> tuple[Positions, ComplexArray]:
+@numba.njit(cache=True, nogil=True)
+def _scatter(ids: IntArray, values: FloatArray, out: FloatArray) -> None:
+    """Rows (n, k) of values to rows ids (n,) of out."""
+    for i in range(ids.shape[0]):
+        for d in range(values.shape[1]):
+            out[ids[i], d] = values[i, d]
+
+
+def _rows(values: Positions) -> FloatArray:
+    """The same numbers (n, k), real and imaginary parts apart."""
+    return values.view(np.float64).reshape(len(values), -1)
+
+
+def collect(
+    mesh: Mesh, shares: Sequence[Iterable[tuple[IntArray, IntArray, PatchMap]]], target: str
+) -> tuple[Positions, ComplexArray]:
     """One array of positions, complex (V,) or unit vectors (V, 3), and one of Beltrami coefficients mu (F,).
 
-    parts: for each patch its vertex_ids and face_ids in the mesh, and its map. Vertices on seams have the same position in
-    every patch that holds them. Vertices used by no face are at 0, on the sphere at the north pole.
+    shares: in each, for some patches, vertex_ids and face_ids in the mesh, and its map; they are taken at the same time.
+    Vertices on seams have the same position in every patch that holds them. Vertices used by no face are at 0, on the sphere
+    at the north pole.
     """
     points: Positions = np.zeros(len(mesh.vertices), np.complex128)
     if target == "sphere":
         points = np.tile([0.0, 0.0, 1.0], (len(mesh.vertices), 1))
     mu = np.zeros(len(mesh.faces), np.complex128)
-    for vertex_ids, face_ids, solved in parts:
-        points[vertex_ids] = solved.points
-        mu[face_ids] = solved.mu
+
+    def put(share: Iterable[tuple[IntArray, IntArray, PatchMap]]) -> None:
+        for vertex_ids, face_ids, solved in share:
+            _scatter(vertex_ids, _rows(solved.points), _rows(points))
+            _scatter(face_ids, _rows(solved.mu), _rows(mu))
+
+    at_once(*(partial(put, share) for share in shares))
     return points, mu
+
+
+@numba.njit(cache=True, nogil=True)
+def _coordinates(z: ComplexArray, used: BoolArray, out: FloatArray, begin: int, end: int) -> None:
+    for v in range(begin, end):
+        out[v, 0], out[v, 1] = (z[v].real, z[v].imag) if used[v] else (0.0, 0.0)
 
 
 def as_coordinates(z: ComplexArray, used: BoolArray) -> FloatArray:
     """Coordinates (V, 2) of z (V,); vertices used by no face at the origin."""
-    return np.column_stack([np.where(used, z.real, 0.0), np.where(used, z.imag, 0.0)])
+    out = np.empty((len(z), 2))
+    in_slices(partial(_coordinates, z, used, out), len(z))
+    return out
+
+
+@numba.njit(cache=True, nogil=True)
+def _mark(faces: IntArray, used: BoolArray, begin: int, end: int) -> None:
+    for f in range(begin, end):
+        for i in range(3):
+            used[faces[f, i]] = True
 
 
 def used_vertices(mesh: Mesh) -> BoolArray:
     """Which vertices (V,) some face uses."""
     used = np.zeros(len(mesh.vertices), bool)
-    used[mesh.faces.reshape(-1)] = True
+    in_slices(partial(_mark, mesh.faces, used), len(mesh.faces))
     return used
 
 
@@ -78,13 +114,15 @@ def turn_to_surface(mesh: Mesh, points: FloatArray) -> FloatArray:
     return turned
 
 
-def place_free(mesh: Mesh, z: ComplexArray, boundary: IntArray) -> FloatArray:
+def place_free(mesh: Mesh, z: ComplexArray, boundary: IntArray, used: BoolArray) -> FloatArray:
     """Coordinates (V, 2): total area as on the surface, boundary centred at the origin, its long axis horizontal."""
-    centred = z - z[boundary].mean()
-    axis = np.exp(-0.5j * np.angle(np.sum(centred[boundary] ** 2)))
-    area = abs(signed_area(mesh.faces, z))
-    scale = np.sqrt(face_areas(mesh.vertices, mesh.faces).sum() / area) if area > 0 else 1.0
-    return as_coordinates(centred * axis * scale, used_vertices(mesh))
+    centre = z[boundary].mean()
+    axis = np.exp(-0.5j * np.angle(np.sum((z[boundary] - centre) ** 2)))
+    image = abs(signed_area(mesh.faces, z))
+    surface = sum(in_slices(lambda begin, end: face_areas(mesh.vertices, mesh.faces[begin:end]).sum(), len(mesh.faces)))
+    placed = z - centre
+    placed *= axis * (np.sqrt(surface / image) if image > 0 else 1.0)
+    return as_coordinates(placed, used)
 
 
 def centre_on(positions: Positions, vertex: int, boundary: IntArray) -> Positions:
@@ -110,7 +148,7 @@ def placed(mesh: Mesh, points: Positions, target: str, boundary: IntArray, centr
     """
     used = used_vertices(mesh)
     if target == "free":
-        return place_free(mesh, points, boundary)
+        return place_free(mesh, points, boundary, used)
     if target == "sphere":
         coordinates = turn_to_surface(mesh, points)
         if centre is not None:

@@ -92,9 +92,9 @@ def _finish(run: Run, mapped: Mapped) -> Finished:
         points, correction = _corrected(run, mapped.points, mapped.target)
     here = _surroundings(run, mapped.target)
     with run.clock.stage("repair"):
-        many = len(find_folds(run.mesh.bare.faces, points)) > _few(run) and run.options.seams != "exact"
-        methods = () if many else _local(run)
-        repaired = repair_folds(here, points, methods)
+        folded = find_folds(run.mesh.bare.faces, points)
+        methods = () if len(folded) > _few(run) and run.options.seams != "exact" else _local(run)
+        repaired = repair_folds(here, points, methods, folded)
         if repaired.folds and correction is not None and correction.share:
             repaired = repair_folds(here, mapped.points, methods)
             correction = correction.undone()

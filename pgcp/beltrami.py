@@ -135,7 +135,9 @@ def folded_faces_on_sphere(faces: IntArray, points: FloatArray) -> IntArray:
 
 def find_folds(faces: IntArray, points: Positions) -> IntArray:
     """Indices of folded faces of a map to the plane, points complex (V,), or to the sphere, unit vectors (V, 3)."""
-    return folded_faces(faces, points) if points.ndim == 1 else folded_faces_on_sphere(faces, points)
+    look = folded_faces if points.ndim == 1 else folded_faces_on_sphere
+    parts = in_slices(lambda begin, end: begin + look(faces[begin:end], points), len(faces))
+    return np.concatenate(parts) if parts else np.empty(0, np.int64)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -156,4 +158,4 @@ def covering_degree(faces: IntArray, points: FloatArray) -> float:
 
 def signed_area(faces: IntArray, z: ComplexArray) -> float:
     """Signed area of the image, summed over all faces."""
-    return float(_signed_areas(faces, z)[0].sum())
+    return float(sum(in_slices(lambda begin, end: _signed_areas(faces[begin:end], z)[0].sum(), len(faces))))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numba
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from pgcp.errors import DegenerateError, InputError, NotManifoldError, NotSimplyConnectedError
 from pgcp.mend import Mended, mend
 from pgcp.operators import face_areas, needed_mollification
+from pgcp.parallel import beside
 from pgcp.topology import Topology, examine
 from pgcp.types import FloatArray, IntArray, Mesh
 
@@ -62,8 +64,7 @@ def check_mesh(mesh: Mesh, target: str = "auto") -> Topology:
 
 def checked(mesh: Mesh, target: str = "auto") -> tuple[Topology, Geometry]:
     """As ``check_mesh``; topology and geometry, looked at at the same time."""
-    with ThreadPoolExecutor(1) as pool:
-        geometry = pool.submit(measure, mesh)
+    with beside(partial(measure, mesh)) as geometry:
         topology = examine(mesh.faces, len(mesh.vertices))
         try:
             return _check(mesh, target, topology, geometry)
@@ -77,8 +78,7 @@ def check_mended(mended: Mended, target: str = "auto") -> tuple[Topology, Geomet
     mesh = mended.mesh
     if mended.fixes:
         mesh = Mesh(mesh.vertices, mesh.faces, f"{mesh.name}, fixed,", mesh.filler)
-    with ThreadPoolExecutor(1) as pool:
-        geometry = pool.submit(measure, mended.mesh)
+    with beside(partial(measure, mended.mesh)) as geometry:
         try:
             return _check(mesh, target, mended.topology, geometry)
         except (NotManifoldError, NotSimplyConnectedError) as problem:
@@ -95,11 +95,11 @@ def what_fix_would_do(mesh: Mesh, target: str = "auto") -> str:
     return ", ".join(f"{fix.step} {fix.what}" for fix in mended.fixes)
 
 
-def _check(mesh: Mesh, target: str, topology: Topology, measured: Future[Geometry]) -> tuple[Topology, Geometry]:
+def _check(mesh: Mesh, target: str, topology: Topology, measured: Callable[[], Geometry]) -> tuple[Topology, Geometry]:
     if topology.defects:
         raise NotManifoldError(f"{mesh.name}: {topology.defects[0].message}")
     fitting_target(mesh.name, topology, target)
-    geometry, count = measured.result(), len(mesh.bare.faces)
+    geometry, count = measured(), len(mesh.bare.faces)
     if geometry.flat_count == count:
         raise DegenerateError(f"{mesh.name}: all faces have zero area")
     if geometry.flat_count > _MOST_FLAT * count:

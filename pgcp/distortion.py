@@ -10,6 +10,7 @@ from pgcp.parallel import in_slices
 from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Positions
 
 _TINY = 1e-290
+_SMALL = 0.04  # to the 12th power 2e-17
 
 
 def as_points(positions: Positions) -> FloatArray:
@@ -75,7 +76,34 @@ def mean_turned_error(points: FloatArray, faces: IntArray, surface: FloatArray) 
     return total / (3 * faces.shape[0])
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, inline="always")
+def _products(ux: float, uy: float, uz: float, vx: float, vy: float, vz: float) -> tuple[float, float]:
+    """Length of the cross product and dot product of two edges."""
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    return np.sqrt(nx * nx + ny * ny + nz * nz), ux * vx + uy * vy + uz * vz
+
+
+@numba.njit(cache=True, inline="always")
+def _corners(points: FloatArray, a: int, b: int, c: int) -> tuple[tuple[float, float], ...]:
+    """At a, b and c: length of the cross product, and dot product, of the edges that leave; points (V, 2) or (V, 3)."""
+    px, py = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+    qx, qy = points[c, 0] - points[b, 0], points[c, 1] - points[b, 1]
+    rx, ry = points[a, 0] - points[c, 0], points[a, 1] - points[c, 1]
+    if points.shape[1] == 2:
+        return (
+            (abs(px * ry - py * rx), -(px * rx + py * ry)),
+            (abs(qx * py - qy * px), -(qx * px + qy * py)),
+            (abs(rx * qy - ry * qx), -(rx * qx + ry * qy)),
+        )
+    pz, qz, rz = points[b, 2] - points[a, 2], points[c, 2] - points[b, 2], points[a, 2] - points[c, 2]
+    return (
+        _products(px, py, pz, -rx, -ry, -rz),
+        _products(qx, qy, qz, -px, -py, -pz),
+        _products(rx, ry, rz, -qx, -qy, -qz),
+    )
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def angle_error_slice(vertices: FloatArray, image: FloatArray, faces: IntArray, begin: int, end: int) -> FloatArray:
     """|angle in the image - angle on the surface| (N, 3), degrees, of faces from begin to end; image (V, 2) or (V, 3).
 
@@ -83,15 +111,21 @@ def angle_error_slice(vertices: FloatArray, image: FloatArray, faces: IntArray, 
     """
     out = np.empty((end - begin, 3))
     for f in range(begin, end):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        surface, drawn = _corners(vertices, a, b, c), _corners(image, a, b, c)
         for i in range(3):
-            a, b, c = faces[f, i], faces[f, (i + 1) % 3], faces[f, (i + 2) % 3]
-            s, d = _corner(vertices, a, b, c)
-            t, e = _corner(image, a, b, c)
+            s, d = surface[i]
+            t, e = drawn[i]
             across, along = t * d - e * s, e * d + t * s
             if abs(across) + abs(along) < _TINY:
-                out[f - begin, i] = np.degrees(abs(np.arctan2(t, e) - np.arctan2(s, d)))
+                size = abs(np.arctan2(t, e) - np.arctan2(s, d))
+            elif abs(across) < _SMALL * along:
+                q = across / along
+                p = q * q
+                size = abs(q) * (1.0 - p * (1 / 3 - p * (1 / 5 - p * (1 / 7 - p * (1 / 9 - p / 11)))))
             else:
-                out[f - begin, i] = np.degrees(abs(np.arctan2(across, along)))
+                size = abs(np.arctan2(across, along))
+            out[f - begin, i] = np.degrees(size)
     return out
 
 

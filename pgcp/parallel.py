@@ -55,6 +55,19 @@ def at_once(*functions: Callable[[], Result]) -> list[Result]:
         return [future.result() for future in [pool.submit(copy_context().run, function) for function in functions]]
 
 
+@contextmanager
+def beside(function: Callable[[], Result]) -> Iterator[Callable[[], Result]]:
+    """Call a function in a thread of its own while the block runs; yields what waits for its result.
+
+    Where there is one processor, it is called when its result is asked for.
+    """
+    if processor_count() < 2:
+        yield function
+        return
+    with ThreadPoolExecutor(1) as pool:
+        yield pool.submit(copy_context().run, function).result
+
+
 def _of_ranges(function: Callable[[int, int], Result], ends: Sequence[int]) -> list[Result]:
     return at_once(*(partial(function, begin, end) for begin, end in pairwise(ends)))
 

@@ -28,7 +28,7 @@ from pgcp.files import run_directory
 from pgcp.io import read_cuts, read_mesh
 from pgcp.mend import Mended, mend, unmended
 from pgcp.options import DISK_METHODS, RUNNING, Options
-from pgcp.parallel import limited_to
+from pgcp.parallel import at_once, limited_to
 from pgcp.plan import Plan, make_plan
 from pgcp.quality import measure_quality
 from pgcp.run import Clock, Mapped, Run
@@ -75,6 +75,12 @@ def _planned(mesh: Mesh, topology: Topology, options: Options, executor: Executo
     return make_plan(*sizes, workers, options.patches, fewest, options.memory_limit_bytes, options.factor_cache_bytes)
 
 
+def _digest(array: np.ndarray) -> bytes:
+    digest = hashlib.blake2b(f"{array.shape} {array.dtype}".encode())
+    digest.update(array.view(np.uint8).data)
+    return digest.digest()
+
+
 def _run_key(mesh: Mesh, options: Options, patch_count: int, backend: str) -> str:
     """What a run's results depend on, in short: the mesh, the options that matter, the versions. Stores are named by it."""
     matters = {name: value for name, value in _plain(options).items() if name not in RUNNING}
@@ -82,9 +88,8 @@ def _run_key(mesh: Mesh, options: Options, patch_count: int, backend: str) -> st
     digest.update(json.dumps([matters, patch_count, backend, _versions(), _STORE_FORMAT], sort_keys=True).encode())
     if options.cuts is not None:
         digest.update(read_cuts(options.cuts).tobytes())
-    for array in (mesh.vertices, mesh.faces):
-        digest.update(f"{array.shape} {array.dtype}".encode())
-        digest.update(array.view(np.uint8).data)
+    for array_digest in at_once(*(partial(_digest, array) for array in (mesh.vertices, mesh.faces))):
+        digest.update(array_digest)
     return digest.hexdigest()
 
 

@@ -168,15 +168,15 @@ class Repaired:
     folds: int
 
 
-def repair_folds(here: Surroundings, points: Positions, methods: tuple[str, ...]) -> Repaired:
+def repair_folds(here: Surroundings, points: Positions, methods: tuple[str, ...], folded: IntArray | None = None) -> Repaired:
     """Take folds away with the given tiers, until none is left.
 
-    points: complex (V,) in the plane or unit vectors (V, 3). No tier is called, and nothing recorded, where there is no
-    fold; folds of filler do not count.
+    points: complex (V,) in the plane or unit vectors (V, 3); ``folded``: its folds, where they are known. No tier is called,
+    and nothing recorded, where there is no fold; folds of filler do not count.
     """
     faces = here.mesh.bare.faces
     start = points
-    folded = find_folds(faces, points)
+    folded = find_folds(faces, points) if folded is None else folded
     before = len(folded)
     records: list[Repair] = []
     for method, rings in _steps(methods):
@@ -192,6 +192,8 @@ def repair_folds(here: Surroundings, points: Positions, methods: tuple[str, ...]
             points, folded = tried, left
         else:
             records.append(Repair(method, rings, len(folded), len(folded), 0))
-    changed = (points != start).reshape(len(points), -1).any(axis=1)
-    touched = np.flatnonzero(changed[faces].any(axis=1))
+    touched = np.empty(0, np.int64)
+    if points is not start:
+        changed = (points != start).reshape(len(points), -1).any(axis=1)
+        touched = np.flatnonzero(changed[faces].any(axis=1))
     return Repaired(points, touched, records, before, len(folded))

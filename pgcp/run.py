@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -36,7 +36,7 @@ from pgcp.types import (
 Item = TypeVar("Item")
 Record = TypeVar("Record")
 _MOST_LOSSES = 5
-_STORED_AT_ONCE = 2  # each needs memory for every vertex
+_AT_ONCE = 2  # patches stored or read at the same time: each needs memory for every vertex
 
 
 class Clock:
@@ -160,7 +160,7 @@ def store_parts(run: Run, count: int, seed: int, cuts: IntArray | None, name: st
         return outlines
 
     with run.clock.stage("store"):
-        shares = [range(k, split.patch_count, _STORED_AT_ONCE) for k in range(_STORED_AT_ONCE)]
+        shares = [range(k, split.patch_count, _AT_ONCE) for k in range(_AT_ONCE)]
         outlines = chain.from_iterable(at_once(*(partial(stored, share) for share in shares)))
     return Parts(split, sorted(outlines, key=lambda outline: outline.index), job, seed)
 
@@ -224,15 +224,15 @@ def mapped_through_store(
 def gathered(run: Run, parts: Parts, target: str, name: str = "") -> tuple[Positions, ComplexArray]:
     """Positions of all vertices and mu (F,) from the stored maps of the patches, those of that name."""
     order, starts = faces_by_label(parts.split.labels, parts.split.patch_count)
-    marks = np.zeros(len(run.mesh.vertices), np.bool_)
 
-    def maps() -> Iterator[tuple[IntArray, IntArray, PatchMap]]:
+    def maps(some: Sequence[PatchOutline]) -> Iterator[tuple[IntArray, IntArray, PatchMap]]:
         """Patch by patch."""
-        for outline in parts.patches:
+        marks = np.zeros(len(run.mesh.vertices), np.bool_)
+        for outline in some:
             face_ids = order[starts[outline.index] : starts[outline.index + 1]]
             yield vertices_of(run.mesh.faces, face_ids, marks), face_ids, parts.store.read_map(outline.index, name)
 
-    return collect(run.mesh, maps(), target)
+    return collect(run.mesh, [maps(parts.patches[k::_AT_ONCE]) for k in range(_AT_ONCE)], target)
 
 
 def spread_out(seams: SeamPositions, vertex_count: int) -> Positions:

@@ -20,6 +20,8 @@ BOUNDARY = -1
 NON_MANIFOLD = -2
 _LEAST_VERTICES = 1 << 16  # worth a thread
 _MANY = 64  # edges from one vertex that are sorted by insertion
+_HALF = 32  # bits of a half-edge's number, beside the 31 of a vertex
+_LOWER = (1 << _HALF) - 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,31 +90,29 @@ class Topology:
 
 
 @numba.njit(cache=True, nogil=True)
-def _by_lower_end(faces: IntArray, first: int, stop: int, ids: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-    """Half-edges whose lower vertex is one from first to stop, sorted by it: where each begins, half-edge, higher vertex.
+def _by_lower_end(faces: IntArray, first: int, stop: int) -> tuple[IntArray, IntArray]:
+    """Half-edges whose lower vertex is one from first to stop, sorted by it: where each begins, and the half-edges.
 
-    Half-edges have the type of ``ids``.
+    A half-edge is one number, with its higher vertex in the upper half.
     """
     starts = np.zeros(stop - first + 1, np.int64)
     for f in range(faces.shape[0]):
-        for i in range(3):
-            lower = min(faces[f, i], faces[f, (i + 1) % 3])
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        for lower in (min(a, b), min(b, c), min(c, a)):
             if first <= lower < stop:
                 starts[lower - first + 1] += 1
     for v in range(stop - first):
         starts[v + 1] += starts[v]
     fill = starts.copy()
-    half_edge = np.empty(starts[-1], ids.dtype)
-    higher = np.empty(starts[-1], np.int32)
+    half_edges = np.empty(starts[-1], np.int64)
     for f in range(faces.shape[0]):
         for i in range(3):
             a, b = faces[f, i], faces[f, (i + 1) % 3]
             lower = min(a, b)
             if first <= lower < stop:
-                at = fill[lower - first]
+                half_edges[fill[lower - first]] = np.int64(max(a, b)) << _HALF | (3 * f + i)
                 fill[lower - first] += 1
-                half_edge[at], higher[at] = 3 * f + i, max(a, b)
-    return starts, half_edge, higher
+    return starts, half_edges
 
 
 @numba.njit(cache=True, nogil=True)
@@ -121,39 +121,37 @@ def _pair(faces: IntArray, twins: IntArray, first: int, stop: int) -> tuple[int,
 
     Returns the number of edges, and one half-edge of each with more than two faces or two that disagree.
     """
-    starts, half_edge, higher = _by_lower_end(faces, first, stop, twins)
+    starts, half_edges = _by_lower_end(faces, first, stop)
     crowded = [np.int64(0) for _ in range(0)]
     turned = [np.int64(0) for _ in range(0)]
     edge_count = 0
     for v in range(stop - first):
         low, high = starts[v], starts[v + 1]
         if high - low > _MANY:
-            order = np.argsort(higher[low:high], kind="mergesort")
-            higher[low:high] = higher[low:high][order]
-            half_edge[low:high] = half_edge[low:high][order]
+            half_edges[low:high].sort()
         else:
             for i in range(low + 1, high):
-                key, h, j = higher[i], half_edge[i], i - 1
-                while j >= low and higher[j] > key:
-                    higher[j + 1], half_edge[j + 1] = higher[j], half_edge[j]
+                one, j = half_edges[i], i - 1
+                while j >= low and half_edges[j] > one:
+                    half_edges[j + 1] = half_edges[j]
                     j -= 1
-                higher[j + 1], half_edge[j + 1] = key, h
+                half_edges[j + 1] = one
         start = low
         while start < high:
             end = start + 1
-            while end < high and higher[end] == higher[start]:
+            while end < high and half_edges[end] >> _HALF == half_edges[start] >> _HALF:
                 end += 1
             edge_count += 1
-            one = np.int64(half_edge[start])
+            one = half_edges[start] & _LOWER
             if end - start == 2:
-                other = np.int64(half_edge[start + 1])
+                other = half_edges[start + 1] & _LOWER
                 twins[one], twins[other] = other, one
                 if faces[one // 3, one % 3] == faces[other // 3, other % 3]:
                     turned.append(one)
             elif end - start > 2:
                 crowded.append(one)
                 for r in range(start, end):
-                    twins[half_edge[r]] = NON_MANIFOLD
+                    twins[half_edges[r] & _LOWER] = NON_MANIFOLD
             start = end
     return edge_count, np.array(crowded), np.array(turned)
 
@@ -174,17 +172,24 @@ def pair_half_edges(faces: IntArray, vertex_count: int) -> IntArray:
 
 
 @numba.njit(cache=True, nogil=True)
-def _vertex_fans(faces: IntArray, twins: IntArray, vertex_count: int) -> IntArray:
-    """Vertices whose faces form more than one fan."""
-    corner_count = np.zeros(vertex_count, np.int64)
-    start = np.full(vertex_count, -1, np.int64)
-    for h in range(twins.shape[0]):
-        v = faces[h // 3, h % 3]
-        corner_count[v] += 1
-        if start[v] < 0 or twins[h] < 0:
-            start[v] = h
-    bad = np.zeros(vertex_count, np.bool_)
-    for v in range(vertex_count):
+def _fan_starts(faces: IntArray, twins: IntArray, vertex_count: int) -> tuple[IntArray, IntArray]:
+    """For every vertex (V,) how many faces it has, and a half-edge that leaves it: the first of its fan where that is open."""
+    corner_count = np.zeros(vertex_count, np.int32)
+    start = np.full(vertex_count, -1, twins.dtype)
+    for f in range(faces.shape[0]):
+        for i in range(3):
+            v, h = faces[f, i], 3 * f + i
+            corner_count[v] += 1
+            if start[v] < 0 or twins[h] < 0:
+                start[v] = h
+    return corner_count, start
+
+
+@numba.njit(cache=True, nogil=True)
+def _split_fans(twins: IntArray, corner_count: IntArray, start: IntArray, first: int, stop: int) -> IntArray:
+    """Vertices from first to stop whose faces form more than one fan."""
+    bad = np.zeros(stop - first, np.bool_)
+    for v in range(first, stop):
         if start[v] < 0:
             continue
         h, seen = start[v], 0
@@ -194,8 +199,14 @@ def _vertex_fans(faces: IntArray, twins: IntArray, vertex_count: int) -> IntArra
             h = twins[before]
             if h < 0 or h == start[v] or seen > corner_count[v]:
                 break
-        bad[v] = seen != corner_count[v]
-    return np.flatnonzero(bad)
+        bad[v - first] = seen != corner_count[v]
+    return first + np.flatnonzero(bad)
+
+
+def _vertices_of_fans(faces: IntArray, twins: IntArray, vertex_count: int) -> IntArray:
+    """Vertices whose faces form more than one fan."""
+    split = partial(_split_fans, twins, *_fan_starts(faces, twins, vertex_count))
+    return np.concatenate(in_parts(split, vertex_count, _LEAST_VERTICES))
 
 
 def boundary_loops(faces: IntArray, twins: IntArray, vertex_count: int) -> tuple[IntArray, ...]:
@@ -313,7 +324,7 @@ def examine(faces: IntArray, vertex_count: int) -> Topology:
             sentence = "the surface is not orientable (a Moebius band lies in it): {n} edges disagree, edges {which}"
             defects.append(_defect("not-orientable", ends(turned), sentence))
     counted = at_once(
-        lambda: _component_count(twins), lambda: _vertex_fans(faces, twins, vertex_count) if not defects else None
+        lambda: _component_count(twins), lambda: _vertices_of_fans(faces, twins, vertex_count) if not defects else None
     )
     if not defects:
         split = counted[1]

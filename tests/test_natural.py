@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pgcp.natural import _cauchy
+from pgcp.natural import _angle_rows, _cauchy
 
 
 def boundary(nodes, panels, seed=0):
@@ -42,3 +42,18 @@ def test_a_constant_density_gives_a_constant():
     reach = 1.5 * np.add.reduceat(np.abs(np.roll(z, -1) - z), starts[:-1])
     found = _cauchy(0.7 * z, np.full(500, -1), x, y, starts, reach, np.full(150, 2.5))
     assert np.abs(found - 2.5).max() < 1e-12
+
+
+def test_panels_far_and_near_are_seen_under_the_angles_of_their_edges():
+    z, starts, _ = boundary(1500, 500)
+    x, y = np.append(z.real, z.real[0]), np.append(z.imag, z.imag[0])
+    reach = 1.5 * np.add.reduceat(np.abs(np.roll(z, -1) - z), starts[:-1])
+    found = _angle_rows(x, y, starts, reach, 100, 140)
+    closed = np.append(z, z[0])
+    for row in range(40):
+        own = np.arange(starts[100 + row], starts[101 + row])
+        middle = 0.5 * (closed[own] + closed[own + 1])
+        angles = np.angle((closed[1:, None] - middle) / (closed[:-1, None] - middle))
+        angles[own, np.arange(len(own))] = np.pi
+        expected = np.add.reduceat(angles, starts[:-1], axis=0).mean(axis=1) / (2.0 * np.pi)
+        assert np.abs(found[row] - expected).max() < 1e-14

@@ -6,9 +6,13 @@ import threading
 
 import numpy as np
 import pytest
+from meshes import cap, icosphere
 
+from partition import partition_faces
+from partition.straighten import _rounds
 from pgcp import natural, parallel, weld, zipper
-from pgcp.parallel import at_once, in_parts, in_slices, limited_to, processor_count
+from pgcp.parallel import at_once, beside, in_parts, in_slices, limited_to, processor_count
+from pgcp.topology import examine
 
 
 @pytest.fixture(autouse=True)
@@ -35,6 +39,17 @@ def test_as_many_threads_as_processors():
         assert at_once(*3 * [threading.get_ident]) == 3 * [threading.get_ident()]
 
 
+def test_beside_needs_a_processor():
+    with beside(threading.get_ident) as result:
+        assert result() != threading.get_ident()
+    with limited_to(1), beside(threading.get_ident) as result:
+        assert result() == threading.get_ident()
+    called = []
+    with limited_to(1), beside(lambda: called.append(1)):
+        pass
+    assert not called  # nobody asked
+
+
 def test_parts_make_up_the_whole():
     assert in_parts(lambda *ends: ends, 1000, 100) == [(0, 320), (320, 640), (640, 1000)]
     assert in_parts(lambda *ends: ends, 1000, 400) == [(0, 448), (448, 1000)]
@@ -44,6 +59,28 @@ def test_parts_make_up_the_whole():
     slices = in_slices(lambda *ends: ends, 600_000)
     with limited_to(1):
         assert in_slices(lambda *ends: ends, 600_000) == slices
+
+
+@pytest.mark.parametrize("mesh", [cap(60)[0], icosphere(5)], ids=["open", "closed"])
+def test_a_partition_does_not_depend_on_the_order_of_what_is_done_at_once(mesh):
+    topology = examine(mesh.faces, len(mesh.vertices))
+    moved = []
+
+    def backwards(*functions):
+        out = [function() for function in functions[::-1]][::-1]
+        moved.append(sum(type(one) is bool and one for one in out))
+        return out
+
+    def labels(at_once):
+        return partition_faces(mesh.vertices, mesh.faces, topology.twins, 16, at_once=at_once)
+
+    assert np.array_equal(labels(backwards), labels(at_once))
+    assert max(moved) > 1  # seams that are moved at the same time
+
+
+def test_seams_that_are_moved_at_the_same_time_have_nothing_in_common():
+    taken = [({0, 1}, {5, 6}), ({2, 3}, {7, 8}), ({1, 2}, {9, 10}), ({4, 5}, {6, 11}), ({6, 7}, {12, 13})]
+    assert _rounds(taken) == [[0, 1, 4], [2, 3]]
 
 
 def test_a_weld_has_the_same_bits_on_any_number_of_processors(monkeypatch):

@@ -255,6 +255,23 @@ def test_errors_cross_processes(cluster, tmp_path):
         executor.map("weld", partial(weld_task, Job("test", tmp_path, "dncp", "nested", 0), "union", 2, False), [(one, other)])
 
 
+def _surroundings(_item):
+    import dask
+
+    quiet = dask.config.get("distributed.worker.profile.enabled"), dask.config.get("distributed.admin.tick.interval")
+    return os.getpid(), "pgcp.warmed" in sys.modules, os.environ["OMP_NUM_THREADS"], os.environ["MALLOC_ARENA_MAX"], quiet
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="workers are forked on Linux only")
+def test_local_workers_are_forked_warm_and_are_left_in_peace():
+    before = dict(os.environ)
+    with DaskExecutor("test", 2) as executor:
+        found = executor.map("look", _surroundings, [0, 1])
+    assert dict(os.environ) == before
+    assert os.getpid() not in {pid for pid, *_ in found}
+    assert [rest for _, *rest in found] == 2 * [[True, "1", "1", (False, "1s")]]
+
+
 def test_workers_without_this_package_are_said(cluster):
     """A function the scheduler's side cannot import, as when the package is missing there."""
     address, _ = cluster
