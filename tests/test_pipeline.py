@@ -18,6 +18,7 @@ from meshes import cap, grid, lifted, similarity_error, spheroid
 import pgcp
 from pgcp import errors
 from pgcp.executors import DaskExecutor, Join, Joining, SerialExecutor
+from pgcp.forks import prepare_forks
 from pgcp.split import plans, split_mesh
 from pgcp.tasks import FactorCache, Job, weld_task
 from pgcp.topology import examine
@@ -265,9 +266,10 @@ def _surroundings(_item):
 @pytest.mark.skipif(sys.platform != "linux", reason="workers are forked on Linux only")
 def test_local_workers_are_forked_warm_and_are_left_in_peace():
     before = dict(os.environ)
+    prepare_forks()
+    assert dict(os.environ) == before
     with DaskExecutor("test", 2) as executor:
         found = executor.map("look", _surroundings, [0, 1])
-    assert dict(os.environ) == before
     assert os.getpid() not in {pid for pid, *_ in found}
     assert [rest for _, *rest in found] == 2 * [[True, "1", "1", (False, "1s")]]
 
