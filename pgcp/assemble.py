@@ -46,6 +46,7 @@ def collect(
     mu = np.zeros(len(mesh.faces), np.complex128)
 
     def put(share: Iterable[tuple[IntArray, IntArray, PatchMap]]) -> None:
+        """Take the maps of one share."""
         for vertex_ids, face_ids, solved in share:
             _scatter(vertex_ids, _rows(solved.points), _rows(points))
             _scatter(face_ids, _rows(solved.mu), _rows(mu))

@@ -109,6 +109,8 @@ def roomiest_centre(plane: HalfPlane, groups: np.ndarray, start: complex) -> com
     def tightness(centre: complex) -> tuple[float, FloatArray]:
         """log sum 1 / gap, and the share of each gap."""
         gaps = np.add.reduceat(plane.circle_gaps(centre), groups)
+        if not gaps.min() > 0.0:
+            return np.inf, (gaps == gaps.min()) / np.count_nonzero(gaps == gaps.min())
         inverse = gaps.min() / gaps
         return float(np.log(inverse.sum()) - np.log(gaps.min())), inverse / inverse.sum()
 

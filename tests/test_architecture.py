@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 LAYERS = [
     {"errors", "files"},
-    {"types", "options", "parallel"},
+    {"types", "options", "parallel", "forks"},
     {
         "topology",
         "operators",
@@ -54,7 +54,7 @@ LAYERS = [
         "correct",
     },
     {"store", "tasks", "executors", "io", "demo"},
-    {"run", "exact"},
+    {"run", "exact", "warmed"},
     {"by_welds", "by_interface"},
     {"attempts"},
     {"pipeline", "report"},

@@ -124,3 +124,13 @@ def test_the_incomplete_integral_agrees_along_a_square_side():
     s = np.arcsin(np.clip(np.sqrt(2) * np.sin(t), -1, 1))
     length = ellipkinc(s, 0.5) / ellipk(0.5)
     assert np.abs(0.5 * (length + 1) - np.arange(parts + 1) / parts).max() < 0.01
+
+
+def test_a_gap_that_is_lost_in_rounding_does_not_stop_the_search_for_room():
+    plane = HalfPlane(np.array([-np.inf, -2.0, -1.0, -1.0, 0.0]), np.array([1.0, 1e-323, 1.0]), np.array([1j]))
+    groups = np.arange(5)
+    far = 1e4 + 1e4j  # from here the smallest gap is 0
+    assert plane.circle_gaps(far).min() == 0.0
+    centre = roomiest_centre(plane, groups, far)
+    assert np.isfinite(centre)
+    assert centre.imag > 0.0
