@@ -13,7 +13,8 @@ external   any command; {mesh} is the mesh file, {out} a path in a folder that i
 --against none leaves all of them out. Every contestant runs in processes of its own, A B C A B C ..., after one run of
 pgcp-run on its demo that is not counted.
 
-Measured are wall seconds; CPU seconds of all processes together; their peak memory together, looked at every 50 ms:
+Measured are wall seconds; CPU seconds of all processes together; their peak memory together, looked at every 50 ms or by a
+hundredth of a processor:
 proportional set sizes (PSS), taken whenever resident sizes have grown by 2 %, or resident sizes where there are no others.
 Prints medians, also per million vertices, and the ratio of wall seconds to the yardstick's solve alone (analysis,
 factorization, solve) and to its whole process. Writes benchmark.tsv, a row per run with its stages, and benchmark.png.
@@ -55,6 +56,7 @@ FIGURES = ("wall_s", "cpu_s", "peak_mb", "s_per_M", "mb_per_M", "to_solve", "to_
 COLUMNS = ("mesh", "vertices", "contestant", "run", "status", "patches", "wall_s", "cpu_s", "peak_mb", "root_peak_mb")
 SOLVE_ONLY = ("analysis", "factor", "substitute")
 _LOOK_S = 0.05
+_LOOK_SHARE = 0.01  # of a processor
 _GROWTH = 1.02
 _RESIDUAL = 1e-6
 
@@ -118,13 +120,17 @@ class Watch:
 
 @contextmanager
 def watched(pid: int) -> Iterator[Watch]:
-    """Look at a process and its children every 50 ms while what is inside runs."""
+    """Look at a process and its children every 50 ms while what is inside runs, or less often where that takes long.
+
+    To look is to read a file for every process there is, on a processor that what is measured may need.
+    """
     watch, ended = Watch(pid), threading.Event()
 
     def keep_looking() -> None:
         while not ended.is_set():
+            before = time.thread_time()
             watch.look()
-            ended.wait(_LOOK_S)
+            ended.wait(max(_LOOK_S, (time.thread_time() - before) / _LOOK_SHARE))
 
     thread = threading.Thread(target=keep_looking)
     thread.start()
