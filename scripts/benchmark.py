@@ -13,8 +13,7 @@ external   any command; {mesh} is the mesh file, {out} a path in a folder that i
 --against none leaves all of them out. Every contestant runs in processes of its own, A B C A B C ..., after one run of
 pgcp-run on its demo that is not counted.
 
-Measured are wall seconds; CPU seconds of all processes together; their peak memory together, looked at every 50 ms or by a
-hundredth of a processor:
+Measured are wall seconds; CPU seconds of all processes together; their peak memory together, looked at every 50 ms:
 proportional set sizes (PSS), taken whenever resident sizes have grown by 2 %, or resident sizes where there are no others.
 Prints medians, also per million vertices, and the ratio of wall seconds to the yardstick's solve alone (analysis,
 factorization, solve) and to its whole process. Writes benchmark.tsv, a row per run with its stages, and benchmark.png.
@@ -56,7 +55,7 @@ FIGURES = ("wall_s", "cpu_s", "peak_mb", "s_per_M", "mb_per_M", "to_solve", "to_
 COLUMNS = ("mesh", "vertices", "contestant", "run", "status", "patches", "wall_s", "cpu_s", "peak_mb", "root_peak_mb")
 SOLVE_ONLY = ("analysis", "factor", "substitute")
 _LOOK_S = 0.05
-_LOOK_SHARE = 0.01  # of a processor
+_FIND_S = 0.3  # between two searches for children, which look at every process there is
 _GROWTH = 1.02
 _RESIDUAL = 1e-6
 
@@ -84,6 +83,8 @@ class Watch:
         self.root = psutil.Process(pid)
         self.peak_bytes = self.root_peak_bytes = 0
         self._resident = 0.0
+        self._processes = [self.root]
+        self._found = 0.0
         self._cpu: dict[tuple[int, float], float] = {}
 
     @property
@@ -94,12 +95,14 @@ class Watch:
     def look(self) -> None:
         """Look once."""
         with suppress(psutil.Error):
-            processes = [self.root, *self.root.children(recursive=True)]
-            sizes = [self._size(process) for process in processes]
+            if time.monotonic() > self._found + _FIND_S:
+                self._processes = [self.root, *self.root.children(recursive=True)]
+                self._found = time.monotonic()
+            sizes = [self._size(process) for process in self._processes]
             self.root_peak_bytes = max(self.root_peak_bytes, sizes[0])
             if sum(sizes) > _GROWTH * self._resident:
                 self._resident = sum(sizes)
-                self.peak_bytes = max(self.peak_bytes, sum(self._share(process) for process in processes))
+                self.peak_bytes = max(self.peak_bytes, sum(self._share(process) for process in self._processes))
 
     def _size(self, process: psutil.Process) -> int:
         with suppress(psutil.Error):
@@ -120,17 +123,13 @@ class Watch:
 
 @contextmanager
 def watched(pid: int) -> Iterator[Watch]:
-    """Look at a process and its children every 50 ms while what is inside runs, or less often where that takes long.
-
-    To look is to read a file for every process there is, on a processor that what is measured may need.
-    """
+    """Look at a process and its children every 50 ms while what is inside runs."""
     watch, ended = Watch(pid), threading.Event()
 
     def keep_looking() -> None:
         while not ended.is_set():
-            before = time.thread_time()
             watch.look()
-            ended.wait(max(_LOOK_S, (time.thread_time() - before) / _LOOK_SHARE))
+            ended.wait(_LOOK_S)
 
     thread = threading.Thread(target=keep_looking)
     thread.start()
