@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
@@ -33,34 +34,59 @@ def _drop_empty(labels: IntArray) -> IntArray:
     return dense
 
 
+@numba.njit(cache=True, nogil=True)
+def _sizes_and_owners(labels: IntArray, pieces: IntArray, count: int) -> tuple[IntArray, IntArray]:
+    """Number of faces, and label, of every piece."""
+    sizes, owner = np.zeros(count, np.int64), np.empty(count, np.int64)
+    for f in range(labels.shape[0]):
+        sizes[pieces[f]] += 1
+        owner[pieces[f]] = labels[f]
+    return sizes, owner
+
+
+@numba.njit(cache=True, nogil=True)
+def _borders(twins: IntArray, pieces: IntArray, stray: BoolArray) -> IntArray:
+    """Half-edges from a stray piece to one that is not."""
+    found = [np.int64(0) for _ in range(0)]
+    for f in range(pieces.shape[0]):
+        if stray[pieces[f]]:
+            for i in range(3):
+                twin = twins[3 * f + i]
+                if twin >= 0 and not stray[pieces[twin // 3]]:
+                    found.append(np.int64(3 * f + i))
+    return np.array(found)
+
+
+@numba.njit(cache=True, nogil=True)
+def _relabel(labels: IntArray, pieces: IntArray, owner: IntArray) -> None:
+    for f in range(labels.shape[0]):
+        labels[f] = owner[pieces[f]]
+
+
 def _join_pieces(twins: IntArray, lengths: FloatArray, labels: IntArray) -> IntArray:
     """Give every piece but the largest of each part to the neighbour with the longest common border."""
     labels = labels.copy()
+    part_count = int(labels.max()) + 1
     while True:
         count, pieces = label_components(twins, labels)
-        part_count = int(labels.max()) + 1
-        if count == np.count_nonzero(np.bincount(labels)):
-            return labels
-        sizes = np.bincount(pieces, minlength=count)
-        owner = np.empty(count, np.int64)
-        owner[pieces] = labels
+        sizes, owner = _sizes_and_owners(labels, pieces, count)
         largest = np.full(part_count, -1, np.int64)
         for piece in np.argsort(-sizes, kind="stable"):
             if largest[owner[piece]] < 0:
                 largest[owner[piece]] = piece
         stray = np.ones(count, bool)
         stray[largest[largest >= 0]] = False
-        inner = np.flatnonzero(twins >= 0)
-        here, there = pieces[inner // 3], pieces[twins[inner] // 3]
-        border = stray[here] & ~stray[there]  # a stray that touches strays only waits for the next turn
-        here, there, weight = here[border], there[border], lengths[inner[border]]
+        if not stray.any():
+            return labels
+        border = _borders(twins, pieces, stray)  # a stray that touches strays only waits for the next turn
+        here, there = pieces[border // 3].astype(np.int64), pieces[twins[border] // 3]
         key = here * part_count + owner[there]
         unique, index = np.unique(key, return_inverse=True)
-        total = np.bincount(index, weight)
+        total = np.bincount(index, lengths[border])
         order = np.lexsort((unique, -total, unique // part_count))
         strays, first = np.unique(unique[order] // part_count, return_index=True)
         owner[strays] = unique[order][first] % part_count
-        labels = owner.astype(np.int32)[pieces]
+        _relabel(labels, pieces, owner)
 
 
 def _undo_pinches(
