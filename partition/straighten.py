@@ -270,9 +270,8 @@ def straighten_seams(
     flat = faces.reshape(-1)
     taken = []
     for seam in seams:
-        last = int(seam[-1])
         sides = {int(labels[seam[0] // 3]), int(labels[twins[seam[0]] // 3])}
-        taken.append((sides, {int(flat[seam[0]]), int(flat[last - last % 3 + (last % 3 + 1) % 3])}))
+        taken.append((sides, {int(flat[seam[0]]), int(flat[_after(seam[-1])])}))
     work = (
         np.bincount(labels, minlength=part_count),
         rings,

@@ -20,7 +20,7 @@ BOUNDARY = -1
 NON_MANIFOLD = -2
 _LEAST_VERTICES = 1 << 16  # worth a thread
 _MANY = 64  # edges from one vertex that are sorted by insertion
-_HALF = 32  # bits of a half-edge's number, beside the 31 of a vertex
+_HALF = 33  # bits of a half-edge's number, beside the 30 of a vertex: enough for a billion vertices
 _LOWER = (1 << _HALF) - 1
 
 
