@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -27,10 +26,10 @@ class Welding(Joining):
         for step in reversed(plan.steps):
             if step.result not in self._needed:
                 continue
-            if parts.store.has(kind, step.result):
-                with suppress(LostFileError):
-                    unions[step.result] = parts.store.read(kind, step.result, Component)
-                    continue
+            union = parts.store.find(kind, step.result, Component)
+            if union is not None:
+                unions[step.result] = union
+                continue
             self._needed |= {step.left, step.right}
             task = partial(weld_task, parts.job, kind, step.result, step.closed)
             joins.append(Join(step.left, step.right, step.result, task))

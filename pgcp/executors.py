@@ -558,6 +558,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
                     raise StoppedError(f"stage {stage}: the scheduler was lost {task.tries} times") from problem
                 self._submit(task)
                 continue
+            future.release()  # now, whoever else still refers to it: what is wanted no more is not done again for a lost worker
             _count(self.taken, task.stage, seconds)
             yield task, result, None
 

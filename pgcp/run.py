@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -205,9 +205,10 @@ def mapped_through_store(
     while True:
         for index in items:
             if index not in found and parts.has(kind, index):
-                with suppress(LostFileError):
-                    found[index] = parts.store.read(kind, index, record)
-                    each(found[index])
+                before = parts.store.find(kind, index, record)
+                if before is not None:
+                    found[index] = before
+                    each(before)
         left = sorted((index for index in items if index not in found), key=order)
         try:
             results = run.executor.map(stage, task, [items[index] for index in left], left, len(found), each, beside)

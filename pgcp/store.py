@@ -50,6 +50,15 @@ class PatchStore:
         arrays = zip(names, self._arrays(kind, index, names), strict=True)
         return record(**{name: array.item() if array.ndim == 0 else array for name, array in arrays})
 
+    def find(self, kind: str, index: int, record: type[Record]) -> Record | None:
+        """Load a record, or None where there is none that can be read."""
+        if not self.has(kind, index):
+            return None
+        try:
+            return self.read(kind, index, record)
+        except LostFileError:
+            return None
+
     def read_field(self, kind: str, index: int, name: str) -> Any:
         """Load one array of a record."""
         return self._arrays(kind, index, [name])[0]

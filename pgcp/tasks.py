@@ -1,11 +1,13 @@
-"""What runs for one patch, on whatever worker: the stages composed; paths and boundary curves in and out."""
+"""What runs for one patch, on whatever worker: the stages composed; paths and boundary curves in and out.
+
+A task whose record is in the store already was finished by a worker that was lost before it could say so.
+"""
 
 from __future__ import annotations
 
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -14,7 +16,7 @@ import numpy as np
 
 from pgcp.curves import crosses_itself
 from pgcp.dirichlet import DirichletFactor, eliminate_mesh, harmonic_solver
-from pgcp.errors import LostFileError, WeldFailedError
+from pgcp.errors import WeldFailedError
 from pgcp.flatten import flatten_boundary
 from pgcp.interface import Merge, extend_inside, merge_operators, solve_inside
 from pgcp.puncture import Charts, alternated, opened_positions
@@ -184,6 +186,9 @@ def flatten_task(job: Job, index: int) -> BoundaryCurve:
     than to write a factor to memory that was not in use before, and none of the memory.
     """
     store = PatchStore(job.directory)
+    done = None if job.stores_operators else store.find("curve", index, BoundaryCurve)  # to keep the factor as well
+    if done is not None:
+        return done
     patch = store.read_patch(index)
     factor = factor_patch(patch, job.backend, keeps=_keeps(job) if job.stores_operators else _never)
     curve = flatten_simply(patch, factor, job.method, job.backend)
@@ -205,8 +210,11 @@ def relax_task(component: Component) -> Component:
 
 def weld_task(job: Job, kind: str, index: int, closed: bool, pair: tuple[Component, Component]) -> Component:
     """Weld two components, the last two of a closed surface along their whole boundaries; store and send the union."""
-    union = (weld_closed if closed else weld_pair)(*pair)
-    PatchStore(job.directory).write(kind, index, union)
+    store = PatchStore(job.directory)
+    union = store.find(kind, index, Component)
+    if union is None:
+        union = (weld_closed if closed else weld_pair)(*pair)
+        store.write(kind, index, union)
     return union
 
 
@@ -217,10 +225,12 @@ def solve_task(job: Job, name: str, item: tuple[int, Positions]) -> SolveReport:
     """
     index, boundary = item
     store = PatchStore(job.directory)
+    done = store.find(f"solved{name}", index, SolveReport)
+    if done is not None:
+        return done
     patch = store.read_patch(index)
-    order = None
-    with suppress(LostFileError):  # it can be found anew
-        order = store.read("order", index, FaceOrder).order
+    found = store.find("order", index, FaceOrder)  # else it is found anew
+    order = None if found is None else found.order
     solver = harmonic_solver(patch.vertices, patch.faces, patch.boundary, job.backend, patch.mollification, order)
     solved = solve_patch(patch, boundary, solver, job.backend)
     solver.release()

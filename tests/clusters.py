@@ -56,9 +56,15 @@ def _ticket(folder, stage):
 
 
 def _wait_where_told(folder, stage):
+    """Wait at the start of a task; returns what waits at its end."""
     if not (folder / "hold").exists():
-        return
+        return lambda: None
     number = _ticket(folder, stage)
+
+    def wait():
+        note(folder, "held", stage, number, os.getpid())
+        wait_until((folder / "go").exists, "go")
+
     for line in (folder / "hold").read_text().splitlines():
         held, first, last, what = line.split()
         if held != stage or not int(first) <= number < int(last):
@@ -67,41 +73,58 @@ def _wait_where_told(folder, stage):
             resource.setrlimit(resource.RLIMIT_FSIZE, (1024, resource.RLIM_INFINITY))
         elif what == "die":
             os.kill(os.getpid(), signal.SIGKILL)
+        elif what == "late":
+            return wait
         else:
-            note(folder, "held", stage, number, os.getpid())
-            wait_until((folder / "go").exists, "go")
+            wait()
+    return lambda: None
 
 
-def _watched(function, stage, index_of, directory_of):
+def _watched(function, stage, directory_of):
     @functools.wraps(function)
     def watched(*arguments):
-        folder, index = directory_of(arguments[:2]).parents[2], index_of(*arguments)
-        _wait_where_told(folder, stage)
+        wait_at_end = _wait_where_told(directory_of(arguments[:2]).parents[2], stage)
         out = function(*arguments)
-        note(folder, "done", stage, index)
+        wait_at_end()
         return out
 
     return watched
 
 
+def _noting(write):
+    """What writes a record, and notes those that finish a task."""
+    stages = {"curve": "flatten", "union": "weld", "solved": "solve"}
+
+    @functools.wraps(write)
+    def noting(store, kind, index, record):
+        write(store, kind, index, record)
+        stage = stages.get(kind.split("-")[0])
+        if stage is not None:
+            note(store.directory.parents[2], "done", stage, index)
+
+    return noting
+
+
 def watch():
     """Have the tasks of this process, and what follows the second pass, log and wait; returns how to undo it."""
     from pgcp import by_welds, tasks
+    from pgcp.store import PatchStore
 
-    before = []
+    before = [(PatchStore, "write", PatchStore.write)]
+    PatchStore.write = _noting(PatchStore.write)
 
-    def replace(modules, name, stage, index_of, directory_of):
-        function = _watched(getattr(by_welds, name), stage, index_of, directory_of)
+    def replace(modules, name, stage, directory_of):
+        function = _watched(getattr(by_welds, name), stage, directory_of)
         for module in modules:
             before.append((module, name, getattr(module, name)))
             setattr(module, name, function)
 
     job_first = lambda two: two[0].directory  # noqa: E731
     both = (tasks, by_welds)
-    replace(both, "flatten_task", "flatten", lambda job, index: index, job_first)
-    replace(both, "weld_task", "weld", lambda job, kind, index, *_: index, job_first)
-    replace(both, "solve_task", "solve", lambda job, name, item: item[0], job_first)
-    replace((by_welds,), "gathered", "gather", lambda *_: 0, lambda two: two[1].job.directory)
+    replace(both, "flatten_task", "flatten", job_first)
+    replace(both, "weld_task", "weld", job_first)
+    replace(both, "solve_task", "solve", job_first)
+    replace((by_welds,), "gathered", "gather", lambda two: two[1].job.directory)
     return lambda: [setattr(*one) for one in before[::-1]]
 
 
@@ -176,7 +199,7 @@ class Place:
         (folder / "hills.obj").write_bytes(mesh)
 
     def hold(self, stage, first=0, last=1, what="wait"):
-        """Have some starts of a stage wait, fill the disk or die."""
+        """Have some starts of a stage wait, also when all is done but said (late), fill the disk or die."""
         with (self.folder / "hold").open("a") as stream:
             stream.write(f"{stage} {first} {last} {what}\n")
 
@@ -206,7 +229,7 @@ class Place:
 
     def done(self):
         """How often what was done, stage by stage."""
-        return Counter((stage, int(index)) for _, stage, index in self.lines("done") if stage != "gather")
+        return Counter((stage, int(index)) for _, stage, index in self.lines("done"))
 
     def forget(self):
         """Begin a new log, without holds."""

@@ -6,6 +6,7 @@ done again; and the map has the bits of a serial run that nothing disturbed.
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 import signal
@@ -18,11 +19,12 @@ from types import SimpleNamespace
 import numpy as np
 import psutil
 import pytest
-from clusters import PATCHES, Cluster, Place, Processes, kill, watch
+from clusters import PATCHES, Cluster, Place, Processes, kill, wait_until, watch
+from distributed import Client
 from meshes import grid, lifted
 
 import pgcp
-from pgcp import pipeline
+from pgcp import executors, pipeline
 from pgcp.errors import LostFileError, StoppedError
 from pgcp.executors import DaskExecutor
 from pgcp.run import discard
@@ -131,6 +133,17 @@ def test_local_workers_killed_in_every_stage_are_replaced(place, reference):
 
 
 @pytest.mark.parametrize("stage", STAGES)
+def test_what_a_killed_worker_had_not_yet_said_is_not_done_again(stage, cluster, place, reference):
+    cluster.have_workers(2)
+    place.hold(stage, what="late")
+    process = place.start("--scheduler", cluster.address, "--quiet")
+    kill(place.held(process, stage))
+    assert place.end_of(process) == GOOD
+    assert_same(place, reference)
+    assert place.done() == ONCE
+
+
+@pytest.mark.parametrize("stage", STAGES)
 def test_another_worker_takes_over_from_a_killed_one(stage, cluster, place, reference):
     cluster.have_workers(2)
     place.hold(stage)
@@ -139,6 +152,28 @@ def test_another_worker_takes_over_from_a_killed_one(stage, cluster, place, refe
     assert place.end_of(process) == GOOD
     assert_same(place, reference)
     assert place.done() == ONCE
+
+
+def test_what_has_been_taken_is_not_done_again_for_a_lost_worker(cluster, monkeypatch):
+    cluster.have_workers(1)
+    monkeypatch.setattr(executors, "_LOOK_S", 0.05)  # each look in vain leaves references behind that only gc finds
+    left = [2, 1, 0]
+    gc.disable()
+    try:
+        with DaskExecutor("kept", scheduler=cluster.address) as executor, Client(cluster.address) as client:
+
+            def wanted():
+                names = client.run_on_scheduler(lambda dask_scheduler: list(dask_scheduler.tasks))
+                return sum(name.startswith("pgcp-kept-") for name in names)
+
+            def none_kept(_):
+                count = left.pop(0)
+                wait_until(lambda: wanted() == count, f"{count} wanted tasks", seconds=10)
+
+            executor.map("sleep", time.sleep, [0.3, 0.3, 0.3], each=none_kept)
+    finally:
+        gc.enable()
+    assert left == []
 
 
 @pytest.mark.slow
