@@ -8,9 +8,9 @@ from typing import Any
 from pgcp.constrain import constrain_to_disk, constrain_to_sphere, keep_free
 from pgcp.errors import LostFileError
 from pgcp.exact import InterfaceFactor
-from pgcp.executors import Join, Joining
+from pgcp.executors import Join, Joining, Spare
 from pgcp.run import Mapped, Parts, Run, gathered, mapped_through_store, spread_out
-from pgcp.tasks import SolveReport, flatten_task, relax_task, solve_task, weld_task
+from pgcp.tasks import SolveReport, flatten_task, prepare_task, relax_task, solve_task, weld_task
 from pgcp.types import BoundaryCurve, ComplexArray, Component, Positions, WeldPlan
 from pgcp.weld import start_component
 
@@ -18,7 +18,10 @@ CONSTRAIN = {"free": keep_free, "disk": constrain_to_disk, "sphere": constrain_t
 
 
 class Welding(Joining):
-    """The welds of a plan, those whose unions are not in the store already; ``put_curve`` gives a patch's boundary."""
+    """The welds of a plan, those whose unions are not in the store already; ``put_curve`` gives a patch's boundary.
+
+    Idle workers prepare the second pass of patches that are flattened.
+    """
 
     def __init__(self, run: Run, parts: Parts, plan: WeldPlan, order: float) -> None:
         kind = f"union-{order:g}"
@@ -37,11 +40,17 @@ class Welding(Joining):
         for name, union in unions.items():
             self.put(name, union)
         self._vertices, self._edges = run.mesh.vertices, parts.split.edges
+        self._prepare = partial(prepare_task, parts.job)
+        # where seams are solved as well, the first pass keeps what it can
+        self._unprepared = {patch.index for patch in parts.patches if run.options.seams != "relax"}
 
     def put_curve(self, curve: BoundaryCurve) -> None:
         """Give a patch's boundary curve, where a weld needs it."""
         if curve.patch in self._needed:
             self.put(curve.patch, start_component(curve, self._vertices, self._edges))
+        if curve.patch in self._unprepared:
+            self._unprepared.remove(curve.patch)
+            self.spares.append(Spare(curve.patch, self._prepare, curve.patch))
 
 
 def flatten(run: Run, parts: Parts, plan: WeldPlan, welding: Welding) -> list[BoundaryCurve]:

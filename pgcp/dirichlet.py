@@ -28,6 +28,11 @@ BACKENDS = ("nested", "pardiso", "superlu")
 class DirichletSolver(Protocol):
     """A Laplacian that can be solved for given boundary values."""
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes it holds."""
+        ...
+
     def extend(self, boundary_values: ComplexArray) -> ComplexArray:
         """Values at all n vertices of the discrete harmonic function with the given boundary values (n_B,)."""
         ...
@@ -43,11 +48,6 @@ class DirichletFactor(DirichletSolver, Protocol):
     @property
     def schur(self) -> FloatArray:
         """Schur complement (n_B, n_B)."""
-        ...
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes it holds."""
         ...
 
     def solve(self, load: ComplexArray, boundary_values: ComplexArray) -> ComplexArray:

@@ -268,8 +268,10 @@ class NestedSolver:
         mollification: float = 0.0,
         order: IntArray | None = None,
     ) -> None:
-        self._elimination = _Elimination(vertices, faces, kept, mollification, without_kept=True, order=order)
-        self._kept = np.array(kept)
+        e = _Elimination(vertices, faces, kept, mollification, without_kept=True, order=order)
+        e.stack = np.empty(0)
+        self._elimination = e
+        self.nbytes = sum(a.nbytes for a in (e.factor, e.faces, e.weights, e.first, e.starts, e.others, e.position, e.order))
 
     def extend(self, boundary_values: ComplexArray) -> ComplexArray:
         """Discrete harmonic extension; see DirichletFactor."""

@@ -35,7 +35,7 @@ _QUIET = {  # what dask does beside tasks a hundred times a second, on the proce
     "distributed.admin.tick.interval": "1s",
 }
 _LOOK_S = 2.0
-_JOINS_FIRST = 1  # of all tasks: what is joined at last waits for every join before it
+_JOINS_FIRST, _SPARES_LAST = 1, -1  # of all tasks: what is joined at last waits for every join before it
 _MOST_TRIES = 5
 _RESTART_S = 10.0
 
@@ -49,11 +49,20 @@ class Join(NamedTuple):
     function: Callable[[tuple[Any, Any]], Any]
 
 
+class Spare(NamedTuple):
+    """Work that an idle worker does ahead of a task for the same place; function(item) says whether it has kept the outcome."""
+
+    place: int
+    function: Callable[[Any], bool]
+    item: Any
+
+
 class Joining:
     """Joins along a tree, each to be done as soon as what it needs is there.
 
     ``put`` gives what they begin with, under names; ``values`` are those nothing has been made of yet, ``waiting`` the joins
     that have not begun. After a problem no more are begun. ``done`` more joins count as finished in what progress says.
+    ``spares`` are for workers that are idle before all is joined, the next one last, until one is not kept.
     """
 
     def __init__(self, stage: str, joins: Sequence[Join], done: int = 0) -> None:
@@ -62,6 +71,7 @@ class Joining:
         self.values: dict[int, Any] = {}
         self.problem: Exception | None = None
         self.waiting = list(joins)
+        self.spares: list[Spare] = []
         self._seen: set[int] = set()
 
     def put(self, name: int, value: Any) -> None:
@@ -119,11 +129,12 @@ class Executor(Protocol):
         done: int = 0,
         each: Callable[[Result], None] = ignore,
         beside: Joining | None = None,
+        keeps: bool = True,
     ) -> list[Result]:
-        """Apply function to every item. Items prefer the worker that had the same place (by default, position) before.
+        """Apply function to every item. Items prefer the worker that keeps something for the same place (by default, position).
 
-        ``done`` more items count as finished in what progress says. ``each`` is called with every result as it comes in.
-        Joins ``beside`` may be begun meanwhile; ``join`` waits for them.
+        With ``keeps`` workers keep something of these items. ``done`` more items count as finished in what progress says.
+        ``each`` is called with every result as it comes in. Joins ``beside`` may be begun meanwhile; ``join`` waits for them.
         """
         ...
 
@@ -180,8 +191,9 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
         done: int = 0,
         each: Callable[[Result], None] = ignore,
         beside: Joining | None = None,
+        keeps: bool = True,
     ) -> list[Result]:
-        """See Executor. Joins wait: there is one process."""
+        """See Executor. Joins wait: there is one process, which is never idle."""
         total = done + len(items)
         out = []
         self._progress(stage, done, total)
@@ -356,7 +368,7 @@ def _said(stage: str, problem: Exception) -> Exception:
 
 @dataclass(slots=True, eq=False)
 class _Task:
-    """A function to be applied to an item, wanted under a name, on the worker that has held its place before."""
+    """A function to be applied to an item, wanted under a name, on the worker that keeps something for its place."""
 
     stage: str
     name: int
@@ -366,15 +378,18 @@ class _Task:
     joining: Joining | None = None
     processors: int = 1
     tries: int = 0
+    keeps: bool = False
+    is_spare: bool = False
 
 
 class DaskExecutor(AbstractContextManager["DaskExecutor"]):
     """Tasks on dask workers: a local cluster of processes, or a running cluster.
 
     A local cluster is started in the background: whatever is called first waits for it. It has a processor a worker: joins
-    that leave workers idle use theirs. ``warm`` is called in each worker before its first task. A task whose worker is lost is
-    run again, as are all when the scheduler comes back after it was lost; where there is no scheduler or no worker for
-    ``patience_s`` seconds the run is stopped. A file that one task finds lost is said when the others have finished.
+    that leave workers idle, and no spare work, use theirs. ``warm`` is called in each worker before its first task. A task
+    whose worker is lost is run again, as are all when the scheduler comes back after it was lost; where there is no scheduler
+    or no worker for ``patience_s`` seconds the run is stopped. A file that one task finds lost is said when the others have
+    finished.
     """
 
     patience_s = 30.0
@@ -393,7 +408,9 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         self._progress = progress
         self._workers_here = workers
         self._places: dict[int, str] = {}
+        self._known: set[str] = set()
         self._active: dict[Any, _Task] = {}
+        self._behind: list[_Task] = []  # wait for spare work that is done for them
         self._submitted = 0
         self.taken: dict[str, dict[str, float]] = {}
         self._warm = warm
@@ -463,6 +480,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         done: int = 0,
         each: Callable[[Result], None] = ignore,
         beside: Joining | None = None,
+        keeps: bool = True,
     ) -> list[Result]:
         """See Executor."""
         self._await_start()
@@ -471,10 +489,11 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         lost: LostFileError | None = None
         self._progress(stage, done, total)
         with self._none_left_behind():
-            for k, (place, item) in enumerate(zip(numbers, items, strict=True)):
-                self._submit(_Task(stage, k, place, function, item))
+            placed = enumerate(zip(numbers, items, strict=True))
+            self._submit_behind_spares([_Task(stage, k, place, function, item, keeps=keeps) for k, (place, item) in placed])
             self._begin_joins(beside)
-            while any(task.joining is None for task in self._active.values()):
+            while self._behind or any(task.joining is None and not task.is_spare for task in self._active.values()):
+                self._begin_spares(beside)
                 for task, result, problem in self._results(stage):
                     if task.joining is not None:
                         self._take_joined(task.joining, task, result, problem)
@@ -497,7 +516,8 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         self._progress(joining.stage, joining.finished, joining.total)
         with self._none_left_behind():
             self._begin_joins(joining)
-            while joining.problem is None and self._active:
+            while joining.problem is None and self._are_joining(joining):
+                self._begin_spares(joining)
                 for task, result, problem in self._results(joining.stage):
                     self._take_joined(joining, task, result, problem)
                     self._begin_joins(joining)
@@ -509,9 +529,40 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         if joining is None:
             return
         ready = joining.take_ready()
-        share = max(1, self._workers_here // max(1, len(self._active) + len(ready)))
+        busy = len(self._active) + len(ready)
+        share = max(1, self._workers_here // max(1, busy + min(len(joining.spares), max(0, self._workers_here - busy))))
         for node, pair in ready:
             self._submit(_Task(joining.stage, node.result, node.result, node.function, pair, joining, share))
+
+    def _are_joining(self, joining: Joining) -> bool:
+        return any(task.joining is joining and not task.is_spare for task in self._active.values())
+
+    def _begin_spares(self, joining: Joining | None) -> None:
+        """Give idle workers something to do as long as others join, or are going to."""
+        if joining is None or not joining.spares or not (joining.waiting or self._are_joining(joining)):
+            return
+        for _ in range((self._workers_here or len(self._workers())) - len(self._active)):
+            if joining.spares:
+                place, function, item = joining.spares.pop()
+                self._submit(_Task("prepare", place, place, function, item, joining, keeps=True, is_spare=True))
+
+    def _end_spare(self, task: _Task, is_kept: bool) -> None:
+        """Begin what has waited for it."""
+        if task.joining is not None and not is_kept:
+            task.joining.spares.clear()
+        behind = [other for other in self._behind if other.place == task.place]
+        self._behind = [other for other in self._behind if other.place != task.place]
+        for other in behind:
+            self._submit(other)
+
+    def _submit_behind_spares(self, tasks: list[_Task]) -> None:
+        """Submit tasks, those that spare work is being done for as soon as it is done."""
+        begun = {task.place for task in self._active.values() if task.is_spare}
+        for task in tasks:
+            if task.place in begun:
+                self._behind.append(task)
+            else:
+                self._submit(task)
 
     def _take_joined(self, joining: Joining, task: _Task, result: Any, problem: Exception | None) -> None:
         if problem is not None:
@@ -524,7 +575,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         if self._client.status != "running":
             self._await_cluster(task.stage, None)
         place = self._places.get(task.place)
-        here = place is not None
+        here = place is not None and not task.is_spare
         task.tries += 1
         self._submitted += 1
         future = self._client.submit(
@@ -532,10 +583,11 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
             task.function,
             task.item,
             task.processors,
-            key=f"pgcp-{self._run}-{self._submitted}-{task.stage}-{task.name}-{task.tries}",
+            # of one group: dask hands what no worker is preferred for to the next that is free
+            key=(f"pgcp-{self._run}-{task.stage}", self._submitted),
             workers=[place] if here else None,
             allow_other_workers=here,
-            priority=0 if task.joining is None else _JOINS_FIRST,
+            priority=_SPARES_LAST if task.is_spare else _JOINS_FIRST if task.joining is not None else 0,
             pure=False,
         )
         self._active[future] = task
@@ -548,8 +600,11 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         for future in self._next_done(stage):
             task = self._active.pop(future)
             try:
-                self._places[task.place], seconds, result = future.result(timeout=self.patience_s)
+                address, seconds, result = future.result(timeout=self.patience_s)
             except Exception as problem:
+                if task.is_spare:  # who needs it does it again, and says what is wrong
+                    self._end_spare(task, False)
+                    continue
                 if future.status == "error" or not isinstance(problem, (CancelledError, TooLateError, OSError)):
                     yield task, None, _said(task.stage, problem)  # the task's own
                     continue
@@ -559,7 +614,13 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
                 self._submit(task)
                 continue
             future.release()  # now, whoever else still refers to it: what is wanted no more is not done again for a lost worker
+            self._known.add(address)
+            if task.keeps:
+                self._places[task.place] = address
             _count(self.taken, task.stage, seconds)
+            if task.is_spare:
+                self._end_spare(task, result)
+                continue
             yield task, result, None
 
     @contextmanager
@@ -571,6 +632,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
             with suppress(Exception):  # there may be no scheduler that could
                 self._client.cancel(list(self._active), force=True)
             self._active.clear()
+            self._behind.clear()
             raise
 
     def _next_done(self, stage: str) -> list[Any]:
@@ -606,7 +668,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
     def _workers(self) -> list[str]:
         """Addresses of the workers, or where the scheduler is lost, of those that have done something."""
         if self._client.status != "running":
-            return list(set(self._places.values()))
+            return list(self._known)
         return list(self._client.scheduler_info(n_workers=-1)["workers"])
 
     def rest(self) -> None:

@@ -211,7 +211,8 @@ def mapped_through_store(
                     each(before)
         left = sorted((index for index in items if index not in found), key=order)
         try:
-            results = run.executor.map(stage, task, [items[index] for index in left], left, len(found), each, beside)
+            wanted, keeps = [items[index] for index in left], parts.job.stores_operators
+            results = run.executor.map(stage, task, wanted, left, len(found), each, beside, keeps)
         except LostFileError as problem:
             losses += 1
             if losses == len(items) + _MOST_LOSSES:

@@ -11,11 +11,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from pgcp.curves import crosses_itself
-from pgcp.dirichlet import DirichletFactor, eliminate_mesh, harmonic_solver
+from pgcp.dirichlet import DirichletFactor, DirichletSolver, eliminate_mesh, harmonic_solver
 from pgcp.errors import WeldFailedError
 from pgcp.flatten import flatten_boundary
 from pgcp.interface import Merge, extend_inside, merge_operators, solve_inside
@@ -32,7 +33,8 @@ class FactorCache:
     """Factors kept between the passes, bounded in bytes. One per process."""
 
     def __init__(self) -> None:
-        self._held: OrderedDict[tuple[str, int], DirichletFactor] = OrderedDict()
+        self._held: OrderedDict[tuple[str, int], DirichletSolver] = OrderedDict()
+        self._over: set[str] = set()
         self._lock = threading.Lock()
 
     @property
@@ -40,19 +42,24 @@ class FactorCache:
         """Bytes held."""
         return sum(factor.nbytes for factor in self._held.values())
 
-    def put(self, key: tuple[str, int], factor: DirichletFactor, limit_bytes: int) -> None:
-        """Keep a factor where there is room for it beside those of its run; those of other runs give way, oldest first."""
+    def put(self, key: tuple[str, int], factor: DirichletSolver, limit_bytes: int) -> bool:
+        """Keep a factor where there is room for it beside those of its run; those of other runs give way, oldest first.
+
+        Returns whether it is kept.
+        """
         with self._lock:
             before = self._held.pop(key, None)
             if before is not None and before is not factor:
                 before.release()
-            if not getattr(factor, "is_whole", True) or factor.nbytes > self._room(key[0], limit_bytes):
+            is_over = any(key[0].startswith(run) for run in self._over)
+            if is_over or not getattr(factor, "is_whole", True) or factor.nbytes > self._room(key[0], limit_bytes):
                 factor.release()
-                return
+                return False
             self._held[key] = factor
             for other in [other for other in self._held if other[0] != key[0]]:
                 if self.nbytes > limit_bytes:
                     self._held.pop(other).release()
+            return True
 
     def _room(self, run: str, limit_bytes: int) -> int:
         return limit_bytes - sum(factor.nbytes for key, factor in self._held.items() if key[0] == run)
@@ -62,14 +69,20 @@ class FactorCache:
         with self._lock:
             return nbytes <= self._room(run, limit_bytes)
 
-    def take(self, key: tuple[str, int]) -> DirichletFactor | None:
+    def holds(self, key: tuple[str, int]) -> bool:
+        """Whether a factor is held."""
+        with self._lock:
+            return key in self._held
+
+    def take(self, key: tuple[str, int]) -> Any:
         """Remove and return a factor, or None where it is not held."""
         with self._lock:
             return self._held.pop(key, None)
 
     def drop(self, run: str) -> None:
-        """Free all factors of runs whose name begins so."""
+        """Free all factors of runs whose name begins so, now and of what still works for them."""
         with self._lock:
+            self._over.add(run)
             for key in [key for key in self._held if key[0].startswith(run)]:
                 self._held.pop(key).release()
 
@@ -218,6 +231,19 @@ def weld_task(job: Job, kind: str, index: int, closed: bool, pair: tuple[Compone
     return union
 
 
+def _solver(job: Job, store: PatchStore, patch: Patch) -> DirichletSolver:
+    """What solves a patch for values on its boundary."""
+    found = store.find("order", patch.index, FaceOrder)  # else it is found anew
+    order = None if found is None else found.order
+    return harmonic_solver(patch.vertices, patch.faces, patch.boundary, job.backend, patch.mollification, order)
+
+
+def prepare_task(job: Job, index: int) -> bool:
+    """Do of the second pass for a stored patch what needs no values, and keep it for that; returns whether it is kept."""
+    store, key = PatchStore(job.directory), (job.run, index)
+    return _FACTORS.holds(key) or _FACTORS.put(key, _solver(job, store, store.read_patch(index)), job.factor_cache_bytes)
+
+
 def solve_task(job: Job, name: str, item: tuple[int, Positions]) -> SolveReport:
     """Second pass: solve a stored patch with its welded boundary; store map and report.
 
@@ -229,9 +255,7 @@ def solve_task(job: Job, name: str, item: tuple[int, Positions]) -> SolveReport:
     if done is not None:
         return done
     patch = store.read_patch(index)
-    found = store.find("order", index, FaceOrder)  # else it is found anew
-    order = None if found is None else found.order
-    solver = harmonic_solver(patch.vertices, patch.faces, patch.boundary, job.backend, patch.mollification, order)
+    solver = _FACTORS.take((job.run, index)) or _solver(job, store, patch)
     solved = solve_patch(patch, boundary, solver, job.backend)
     solver.release()
     store.write_map(solved, name)

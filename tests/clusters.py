@@ -123,6 +123,7 @@ def watch():
     both = (tasks, by_welds)
     replace(both, "flatten_task", "flatten", job_first)
     replace(both, "weld_task", "weld", job_first)
+    replace(both, "prepare_task", "prepare", job_first)
     replace(both, "solve_task", "solve", job_first)
     replace((by_welds,), "gathered", "gather", lambda two: two[1].job.directory)
     return lambda: [setattr(*one) for one in before[::-1]]

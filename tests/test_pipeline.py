@@ -17,7 +17,7 @@ from meshes import cap, grid, lifted, similarity_error, spheroid
 
 import pgcp
 from pgcp import errors
-from pgcp.executors import DaskExecutor, Join, Joining, SerialExecutor
+from pgcp.executors import DaskExecutor, Join, Joining, SerialExecutor, Spare
 from pgcp.forks import prepare_forks
 from pgcp.split import plans, split_mesh
 from pgcp.tasks import FactorCache, Job, weld_task
@@ -247,6 +247,80 @@ def test_a_join_that_fails_does_not_keep_the_rest_from_being_mapped(executor):
     assert executor.map("negate", operator.neg, [5]) == [-5]
 
 
+def held_join(spares, is_over):
+    """A join of two numbers that waits for something, and what idle workers may do meanwhile."""
+
+    def held_sum(pair):
+        deadline = time.monotonic() + 20
+        while not is_over() and time.monotonic() < deadline:
+            time.sleep(0.02)
+        return sum(pair)
+
+    joining = Joining("join", [Join(0, 1, 2, held_sum)])
+    joining.spares = spares
+    joining.put(0, 5)
+    joining.put(1, 6)
+    return joining
+
+
+def test_idle_workers_do_spare_work_where_a_task_then_finds_it(cluster, tmp_path):
+    begun, finding = tmp_path / "begun", tmp_path / "finding"
+
+    def prepare(name):
+        if name == "SPARE8":
+            begun.touch()
+            deadline = time.monotonic() + 20
+            while not finding.exists() and time.monotonic() < deadline:
+                time.sleep(0.02)
+            time.sleep(0.2)
+        os.environ[name] = "prepared"
+        return True
+
+    def find(name):
+        return os.environ.pop(name, None)
+
+    def progress(stage, *_):
+        if stage == "find":
+            finding.touch()
+
+    address, _ = cluster
+    with DaskExecutor("test", scheduler=address, progress=progress) as executor:
+        spares = [Spare(place, prepare, f"SPARE{place}") for place in (7, 8, 9)]
+        assert executor.join(held_join(spares, begun.exists)) == {2: 11}
+        assert executor.map("find", find, ["SPARE8"], [8]) == ["prepared"]  # that was still under way
+        assert executor.map("find", find, ["SPARE9"], [9]) == ["prepared"]
+        assert executor.map("find", find, ["SPARE7"], [7]) == [None]
+    assert executor.taken["prepare"]["count"] == 2
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_spare_work_ends_where_it_is_not_kept(fails, cluster, tmp_path):
+    tried = tmp_path / "tried"
+
+    def prepare(_):
+        tried.write_text(tried.read_text() + "x" if tried.exists() else "x")
+        if fails:
+            raise errors.SolveFailedError("made to fail")
+        return False
+
+    until = time.monotonic() + 5
+
+    def is_over():
+        return tried.exists() and time.monotonic() > until
+
+    address, _ = cluster
+    with DaskExecutor("test", scheduler=address) as executor:
+        assert executor.join(held_join([Spare(place, prepare, place) for place in range(5)], is_over)) == {2: 11}
+        assert executor.map("negate", operator.neg, [1, 4], [1, 4]) == [-1, -4]
+    assert tried.read_text() == "x"
+
+
+def test_a_single_worker_does_no_spare_work():
+    with DaskExecutor("test", 1) as executor:
+        assert executor.join(held_join([Spare(7, operator.truth, 1)], lambda: True)) == {2: 11}
+    assert set(executor.taken) == {"join"}
+
+
 def test_errors_cross_processes(cluster, tmp_path):
     address, _ = cluster
     triangle = np.arange(3)
@@ -319,9 +393,21 @@ def test_the_factor_cache_is_bounded_and_drops_the_oldest_of_other_runs():
     assert cache.has_room("c", 100, 60)
     assert not cache.has_room("c", 100, 61)
     late = Held(61)  # those of its own run do not give way
-    cache.put(("c", 2), late, 100)
+    assert not cache.put(("c", 2), late, 100)
     assert late.released
+    assert cache.holds(("c", 0))
     assert cache.take(("c", 0)) is c
+    assert not cache.holds(("c", 0))
+
+
+def test_the_factor_cache_keeps_nothing_more_of_a_run_that_is_over():
+    cache = FactorCache()
+    held, late, other = Held(40), Held(40), Held(40)
+    assert cache.put(("run-1", 0), held, 100)
+    cache.drop("run")
+    assert not cache.put(("run-1", 1), late, 100)
+    assert cache.put(("other", 1), other, 100)
+    assert [factor.released for factor in (held, late, other)] == [True, True, False]
 
 
 def fail_first_welds(monkeypatch, times, exact=True):
