@@ -43,8 +43,8 @@ def make_plan(
 
     Six patches, fewer on a mesh of less than 600 faces, up to twelve of 120,000 vertices, more where they would have more than
     200,000, where there are more workers, or where memory is short: the working set of a pass is that of one patch a process.
-    What memory is then left goes to factors that are kept, where seams are solved exactly. Raises InputError where the limit
-    is too low for the mesh.
+    What memory is then left goes to factors that are kept between the passes. Raises InputError where the limit is too low for
+    the mesh.
     """
     processes = max(1, workers)
     room: float = math.inf
