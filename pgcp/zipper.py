@@ -21,6 +21,7 @@ from pgcp.types import ComplexArray, FloatArray
 
 _LEAST_POINTS, _LEAST_VALUES = 1024, 1 << 16  # worth a thread
 _LEAST_SQUARE, _MOST_SQUARE = 1e-280, 1e280  # no digits are lost between
+_VAST = 2.0**660  # the smallest number times this has a square
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
@@ -42,15 +43,13 @@ def _open_step(re: FloatArray, im: FloatArray, a: float, b: float) -> None:
     for i in range(re.shape[0]):
         x, y = re[i], im[i]
         q_re, q_im = 1.0 - d * y, d * x
-        q2 = q_re * q_re + q_im * q_im
-        l_re = c * x / q2
-        l_im = c * (y * q_re - d * x * x) / q2
-        # L - 1 = (z - xi) / (xi (1 + i d z))
-        den_re, den_im = a * q_re - b * q_im, a * q_im + b * q_re
-        den2 = den_re * den_re + den_im * den_im
+        share = 1.0 / (q_re * q_re + q_im * q_im)
+        l_re = c * x * share
+        l_im = c * (y * q_re - d * x * x) * share
+        # L - 1 = (z - xi) / (xi (1 + i d z)), 1 / xi = c - i d
         u, v = x - a, y - b
-        m_re = (u * den_re + v * den_im) / den2
-        m_im = (v * den_re - u * den_im) / den2
+        e_re, e_im = (u * c + v * d) * share, (v * c - u * d) * share
+        m_re, m_im = e_re * q_re + e_im * q_im, e_im * q_re - e_re * q_im
         re[i], im[i] = _right_root(m_re * (l_re + 1.0) - m_im * l_im, 2.0 * l_re * l_im)
 
 
@@ -63,73 +62,131 @@ def _moebius(x: float, y: float, c: float, d: float) -> tuple[float, float]:
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
-def _root_difference(difference: complex, root: complex, before: complex) -> complex:
-    """root - before where difference = root^2 - before^2, without cancellation."""
-    total, plain = root + before, root - before
-    square = total.real * total.real + total.imag * total.imag
-    if square < plain.real * plain.real + plain.imag * plain.imag:
-        return plain
-    if square < _LEAST_SQUARE:
-        return difference / total if abs(total) >= abs(plain) else plain
-    return difference * total.conjugate() * (1.0 / square)
+def _root_difference(u: float, v: float, re: float, im: float, re_0: float, im_0: float) -> tuple[float, float]:
+    """root - before where u + i v = root^2 - before^2, without cancellation; root = re + i im, before = re_0 + i im_0."""
+    total_re, total_im = re + re_0, im + im_0
+    scale = _VAST if total_re * total_re + total_im * total_im < _LEAST_SQUARE else 1.0
+    total_re, total_im = scale * total_re, scale * total_im
+    plain_re, plain_im = scale * (re - re_0), scale * (im - im_0)
+    square = total_re * total_re + total_im * total_im
+    share = 1.0 / square
+    u, v = scale * u, scale * v
+    if square < plain_re * plain_re + plain_im * plain_im:
+        return re - re_0, im - im_0
+    return (u * total_re + v * total_im) * share, (v * total_re - u * total_im) * share
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _open_rest_of_arc(x: FloatArray, steps: ComplexArray, first: int) -> None:
-    """Pass the arc points after ``first``, which is being opened, through sqrt(L^2 - 1) in place.
+def _sum_steps(re: FloatArray, im: FloatArray, y: FloatArray, sum_re: FloatArray, sum_im: FloatArray, height: float) -> None:
+    """Heights of arc points, and how far they are from the first: what only adds, one by one."""
+    along_re, along_im = 0.0, 0.0
+    for m in range(1, re.shape[0]):
+        height += im[m]
+        along_re += re[m]
+        along_im += im[m]
+        y[m], sum_re[m], sum_im[m] = height, along_re, along_im
 
-    Point m lies ``steps[m]`` beyond point m - 1, and point first - 1 is at 0: positions are sums of steps from the tip of
-    the slit on, and steps are carried through the map by themselves, so a part of the arc that looks small from afar is
-    as precise as any when the slit reaches it. x holds the real parts, which keep a relative precision of their own.
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _roots_of_arc(
+    x: FloatArray,
+    y: FloatArray,
+    root_re: FloatArray,
+    root_im: FloatArray,
+    inverse_re: FloatArray,
+    inverse_im: FloatArray,
+    c: float,
+    d: float,
+) -> None:
+    """L in place of arc points z = x + i y, roots in place of how far these are from the first, and 1 / (1 + i d z)."""
+    for m in range(x.shape[0]):
+        u, v = root_re[m], root_im[m]
+        q_re, q_im = 1.0 - d * y[m], d * x[m]
+        share = 1.0 / (q_re * q_re + q_im * q_im)
+        i_re, i_im = share * q_re, -share * q_im
+        l_re, l_im = c * x[m] * share, c * (y[m] * i_re - d * x[m] * x[m] * share)
+        u, v = u * c + v * d, v * c - u * d  # L - 1 = (z - xi) / (xi (1 + i d z)), 1 / xi = c - i d
+        u, v = u * i_re - v * i_im, u * i_im + v * i_re
+        x[m], y[m] = l_re, l_im
+        inverse_re[m], inverse_im[m] = i_re, i_im
+        root_re[m], root_im[m] = _right_root(u * (l_re + 1.0) - v * l_im, 2.0 * l_re * l_im)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _steps_of_arc(
+    step_re: FloatArray,
+    step_im: FloatArray,
+    x: FloatArray,
+    y: FloatArray,
+    root_re: FloatArray,
+    root_im: FloatArray,
+    inverse_re: FloatArray,
+    inverse_im: FloatArray,
+    c: float,
+) -> None:
+    """Steps from root m to root m + 1 in place of those between the points themselves; L = x + i y and 1 / (1 + i d z)."""
+    for m in range(step_re.shape[0]):
+        i_re, i_im, j_re, j_im = inverse_re[m + 1], inverse_im[m + 1], inverse_re[m], inverse_im[m]
+        u, v = c * (i_re * j_re - i_im * j_im), c * (i_re * j_im + i_im * j_re)
+        re, im = step_re[m], step_im[m]
+        u, v = u * re - v * im, u * im + v * re  # difference of the two L
+        re, im = x[m + 1] + x[m], y[m + 1] + y[m]
+        u, v = u * re - v * im, u * im + v * re
+        re, im = _root_difference(u, v, root_re[m + 1], root_im[m + 1], root_re[m], root_im[m])
+        step_re[m], step_im[m] = re, im
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _open_rest_of_arc(x: FloatArray, re: FloatArray, im: FloatArray, room: FloatArray) -> None:
+    """Pass the arc points after the first, which is being opened, through sqrt(L^2 - 1) in place.
+
+    Point m lies re[m] + i im[m] beyond point m - 1, and the one before the first is at 0: positions are sums of steps from the
+    tip of the slit on, and steps are carried through the map by themselves, so a part of the arc that looks small from afar is
+    as precise as any when the slit reaches it. x holds the real parts, which keep a relative precision of their own. ``room``
+    (5, as many) is for what the loops leave to the next; those that do not add one by one take several points at once.
     """
-    a, b = x[first], steps[first].imag
+    n = x.shape[0]
+    if n < 2:
+        return
+    a, b = x[0], im[0]
     square = a * a + b * b
     c, d = a / square, b / square
-    one_by_xi = complex(c, -d)
-    y = b
-    along = 0.0 + 0.0j
-    before = complex(1.0 - d * b, -d * a) / ((1.0 - d * b) ** 2 + (d * a) ** 2)
-    image_before = 1.0 + 0.0j
-    root_before = 0.0 + 0.0j
-    for m in range(first + 1, x.shape[0]):
-        y += steps[m].imag
-        along += steps[m]
-        q_re, q_im = 1.0 - d * y, d * x[m]
-        share = 1.0 / (q_re * q_re + q_im * q_im)
-        inverse = complex(share * q_re, -share * q_im)  # 1 / (1 + i d z)
-        image = complex(share * c * x[m], share * c * (y * q_re - d * x[m] * x[m]))
-        product = along * one_by_xi * inverse * (image + 1.0)
-        re, im = _right_root(product.real, 2.0 * image.real * image.imag)
-        root = complex(re, im)
-        if m == first + 1:
-            steps[m] = root
-        else:
-            steps[m] = _root_difference(c * steps[m] * (inverse * before) * (image + image_before), root, root_before)
-        x[m] = re
-        before, image_before, root_before = inverse, image, root
+    y, root_re, root_im, inverse_re, inverse_im = room[0, :n], room[1, :n], room[2, :n], room[3, :n], room[4, :n]
+    _sum_steps(re, im, y, root_re, root_im, b)
+    _roots_of_arc(x[1:], y[1:], root_re[1:], root_im[1:], inverse_re[1:], inverse_im[1:], c, d)
+    share = 1.0 / ((1.0 - d * b) ** 2 + (d * a) ** 2)
+    x[0], y[0], root_re[0], root_im[0] = 1.0, 0.0, 0.0, 0.0
+    inverse_re[0], inverse_im[0] = share * (1.0 - d * b), -share * d * a
+    _steps_of_arc(re[1:], im[1:], x, y, root_re, root_im, inverse_re, inverse_im, c)
+    re[1], im[1] = root_re[1], root_im[1]
+    for m in range(1, n):
+        x[m] = root_re[m]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _open_gaps(p: FloatArray, gaps: FloatArray, count: int, shift: float, scale: float, branch: float) -> None:
+def _open_gaps(
+    p: FloatArray, gaps: FloatArray, count: int, shift: float, scale: float, branch: float, roots: FloatArray
+) -> None:
     """Pass inverse heights through sqrt(L^2 - 1) in place: t = (p - shift) / scale, then t / sqrt(1 + t^2).
 
     Point ``count`` is the new one, at height ``branch``. Gaps between neighbours are carried by themselves: differences
-    of nearly equal heights keep their relative precision.
+    of nearly equal heights keep their relative precision. ``roots`` is room for as many numbers.
     """
+    share = 1.0 / scale
     for i in range(count):
-        p[i] = (p[i] - shift) / scale
+        t = (p[i] - shift) * share
+        p[i] = t
+        roots[i] = np.sqrt(1.0 + t * t)
     for i in range(count - 1):
-        one, two = np.sqrt(1.0 + p[i] * p[i]), np.sqrt(1.0 + p[i + 1] * p[i + 1])
-        if p[i] * p[i + 1] > 0.0:
-            share = abs(p[i] + p[i + 1]) / (one * two * (abs(p[i + 1]) * one + abs(p[i]) * two))
-            gaps[i] = gaps[i] / scale * share
-        else:
-            gaps[i] = abs(p[i + 1]) / two + abs(p[i]) / one
-    last = p[count - 1]
-    root = np.sqrt(1.0 + last * last)
+        one, two, here, there = roots[i], roots[i + 1], abs(p[i]), abs(p[i + 1])
+        both = one * two
+        total = abs(p[i] + p[i + 1]) if p[i] * p[i + 1] > 0.0 else there * one + here * two
+        along = gaps[i] * share * total / (both * (there * one + here * two))
+        gaps[i] = along if p[i] * p[i + 1] > 0.0 else total / both
+    last, root = p[count - 1], roots[count - 1]
     gaps[count - 1] = 1.0 / (root * (root + abs(last))) if last * branch > 0.0 else 1.0 + abs(last) / root
     for i in range(count):
-        p[i] /= np.sqrt(1.0 + p[i] * p[i])
+        p[i] /= roots[i]
     p[count] = branch
 
 
@@ -139,28 +196,30 @@ def _open_arc(arc: ComplexArray, others: ComplexArray, branch: float) -> tuple[F
     k = arc.shape[0] - 1
     count = others.shape[0]
     re, im = np.empty(count), np.empty(count)
-    x, steps = np.zeros(k + 1), np.zeros(k + 1, np.complex128)
+    x, step_re, step_im = np.zeros(k + 1), np.zeros(k + 1), np.zeros(k + 1)
     z0, z1 = arc[0], arc[1]
     for i in range(count):
         w = (others[i] - z1) / (others[i] - z0)
         re[i], im[i] = _right_root(w.real, w.imag)
-    before = 0.0 + 0.0j
+    y_0 = 0.0
     for m in range(2, k + 1):
         w = (arc[m] - z1) / (arc[m] - z0)
         x[m], y = _right_root(w.real, w.imag)
-        root = complex(x[m], y)
-        difference = (z1 - z0) * (arc[m] - arc[m - 1]) / ((arc[m] - z0) * (arc[m - 1] - z0))
-        steps[m] = root if m == 2 else _root_difference(difference, root, before)
-        before = root
+        w = (z1 - z0) * (arc[m] - arc[m - 1]) / ((arc[m] - z0) * (arc[m - 1] - z0))
+        step_re[m], step_im[m] = _root_difference(w.real, w.imag, x[m], y, x[m - 1], y_0)
+        if m == 2:
+            step_re[m], step_im[m] = x[m], y
+        y_0 = y
     p = np.zeros(k)
     gaps = np.zeros(k - 1)
+    room = np.empty((5, k + 1))
     for j in range(2, k + 1):
-        a, b = x[j], steps[j].imag
+        a, b = x[j], step_im[j]
         if not (a > 0.0 and np.isfinite(a) and np.isfinite(b)):
             return gaps, others, j
         square = a * a + b * b
-        _open_gaps(p, gaps, j - 1, b / square, a / square, branch)
-        _open_rest_of_arc(x, steps, j)
+        _open_gaps(p, gaps, j - 1, b / square, a / square, branch, room[0])
+        _open_rest_of_arc(x[j:], step_re[j:], step_im[j:], room)
         _open_step(re, im, a, b)
     # send the image of z0 to infinity (PGCP eq. 4.13)
     out = np.empty(count, np.complex128)
@@ -190,48 +249,48 @@ def _close_step(re: FloatArray, im: FloatArray, p: float, q: float) -> None:
     for i in range(re.shape[0]):
         x, y = re[i], im[i]
         q_re, q_im = 1.0 - d * y, d * x
-        q2 = q_re * q_re + q_im * q_im
-        t_re = c * x / q2
-        t_im = c * (y * q_re - d * x * x) / q2
+        share = 1.0 / (q_re * q_re + q_im * q_im)
+        t_re = c * x * share
+        t_im = c * (y * q_re - d * x * x) * share
         # T - i = (p z - i) / (1 + i d z),  T + i = (i - q z) / (1 + i d z)
         up, down = p * y - 1.0, 1.0 - q * y
         m_re = -p * q * x * x - up * down
         m_im = x * (p * down - q * up)
         s_re, s_im = q_re * q_re - q_im * q_im, 2.0 * q_re * q_im
-        re[i], im[i] = _right_root((m_re * s_re + m_im * s_im) / (q2 * q2), 2.0 * t_re * t_im)
+        re[i], im[i] = _right_root((m_re * share) * (s_re * share) + (m_im * share) * (s_im * share), 2.0 * t_re * t_im)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _close_gaps(gaps: FloatArray, count: int, other_total: float) -> float:
+def _close_gaps(gaps: FloatArray, count: int, other_total: float, room: FloatArray) -> float:
     """Pass the gaps of one side through sqrt(T^2 + 1) in place; point ``count`` is being welded.
 
     With half the distance of the two points being welded as the unit, point i is at depth r = sum of the gaps from it to
-    point ``count``, and its new inverse height is (1 - r) / sqrt(r (2 - r)). Returns that of point count - 1.
+    point ``count``, and its new inverse height is (1 - r) / sqrt(r (2 - r)). Returns that of point count - 1. ``room`` (3, at
+    least count) is for what the loops, which add one by one or take several points at once, leave to the next.
     """
-    own_total = 0.0
+    depth, product, height = room[0], room[1], room[2]
+    total = other_total
     for i in range(count):
-        own_total += gaps[i]
-    half = 0.5 * (own_total + other_total)
-    depth = gaps[count - 1] / half
-    rest = other_total
+        product[i] = total  # beyond point i
+        total += gaps[i]
+    half = 0.5 * total
+    below = 0.0
+    for i in range(count - 1, -1, -1):
+        below += gaps[i]
+        depth[i] = below
+    share = 1.0 / half
+    for i in range(count):
+        r = depth[i] * share
+        depth[i] = r
+        product[i] = r * max(2.0 - r, product[i] * share)
+    for i in range(count):
+        height[i] = (1.0 - depth[i]) / np.sqrt(product[i])
     for i in range(count - 1):
-        rest += gaps[i]
-    product = depth * (rest / half)
-    height = (1.0 - depth) / np.sqrt(product)
-    first = height
-    for i in range(count - 2, -1, -1):
-        step = gaps[i] / half
-        next_depth = depth + step
-        rest -= gaps[i]
-        next_product = next_depth * max(2.0 - next_depth, rest / half)
-        next_height = (1.0 - next_depth) / np.sqrt(next_product)
-        if (1.0 - depth) * (1.0 - next_depth) > 0.0:
-            total = abs(2.0 - depth - next_depth)
-            gaps[i] = step * total / (product * next_product * (abs(height) + abs(next_height)))
-        else:
-            gaps[i] = abs(height) + abs(next_height)
-        depth, product, height = next_depth, next_product, next_height
-    return first
+        one, two = 1.0 - depth[i], 1.0 - depth[i + 1]
+        both = abs(height[i]) + abs(height[i + 1])
+        along = gaps[i] * share * abs(one + two) / (product[i] * product[i + 1] * both)
+        gaps[i] = along if one * two > 0.0 else both
+    return height[count - 1]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -247,7 +306,7 @@ def _close_arcs(upper: FloatArray, lower: FloatArray, others: ComplexArray) -> t
     re[k - 1] = im[k - 1] = 0.0
     u, v = upper.copy(), lower.copy()
     p, q = u.sum(), -v.sum()
-    far = 0.0
+    far, room = 0.0, np.empty((3, k))
     for j in range(k - 1, 0, -1):
         above, below = 0.0, 0.0
         for i in range(j):
@@ -259,8 +318,8 @@ def _close_arcs(upper: FloatArray, lower: FloatArray, others: ComplexArray) -> t
         re[j - 1] = im[j - 1] = 0.0
         # infinity lies ``above`` below p and ``below`` above q
         far = 0.5 * (below - above) / np.sqrt(above * below)
-        p = _close_gaps(u, j, below)
-        q = -_close_gaps(v, j, above)
+        p = _close_gaps(u, j, below, room)
+        q = -_close_gaps(v, j, above, room)
     arc = np.empty(k, np.complex128)
     out = np.empty(count, np.complex128)
     for i in range(k + count):
