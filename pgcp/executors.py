@@ -258,8 +258,11 @@ def _script() -> Path | None:
     return None if name is None or getattr(main, "__spec__", None) is not None else Path(name)
 
 
-def _start_cluster(workers: int) -> Any:
-    """Start worker processes, reached from this machine only; raises InputError where the main script does not let them."""
+def start_cluster(workers: int) -> Any:
+    """Start worker processes, a LocalCluster reached from this machine only.
+
+    Raises InputError where the main script does not let them. ``prepare_forks`` called before makes it faster.
+    """
     import dask
     import distributed.utils
     from distributed import LocalCluster
@@ -437,7 +440,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
             from distributed import Client
 
             self._closing.enter_context(_silenced())
-            self._cluster = _start_cluster(workers)
+            self._cluster = start_cluster(workers)
             self._held = Client(self._cluster)
             self._warm_up(self._held)
         except BaseException as problem:

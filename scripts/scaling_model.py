@@ -6,12 +6,13 @@ usage: scaling_model.py [--patches 6,24,64,128] [--repeat 3] [--target auto] [--
                         [--output-dir DIR] MESH [MESH ...]
 
 measure   every mesh is mapped serially in each number of patches; every task is timed, and once more its memory looked at
-fit       seconds and bytes as sums of powers of sizes, with factors that are not negative (see TERMS): flatten and solve by
+fit       seconds and bytes as sums of powers of sizes, with factors that are not negative (see TERMS): flatten, prepare (the
+          part of solve that idle workers do while others weld) and solve by
           the vertices and boundary edges of a patch, weld by the points of the seam and the union, driver stages by
           vertices and patches; what runs between the stages, planning the welds, also by the square of the patches. Of the
           terms of a weld that grow fastest, and are small on the measured mesh, a least factor is measured by themselves
-simulate  list scheduling of flatten and the tree of welds, which go first when they can begin, then solve; an overhead for
-          every task; patches go through the store's link, curves and unions through the driver's, each of --bandwidth-gbit
+simulate  list scheduling of flatten and the tree of welds, which go first when they can begin, with what is idle preparing
+          patches, then solve; an overhead for every task; patches go through the store's link, curves and unions through the driver's, each of --bandwidth-gbit
           and used by one transfer at a time.
           Patches are as many as pgcp-run takes. The tree of welds is that of a flat square, planned by the package for up to
           256 parts, each halved further as needed
@@ -31,7 +32,7 @@ import itertools
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from statistics import median
 from typing import Any, ClassVar
@@ -49,6 +50,7 @@ from pgcp.natural import natural_boundary
 from pgcp.parallel import limited_to
 from pgcp.plan import DEFAULT_PATCHES, make_plan
 from pgcp.split import cut_patches, plan_welds, split_mesh
+from pgcp.tasks import prepare_task, solve_task
 from pgcp.topology import examine
 from pgcp.zipper import close_arcs, open_arc
 
@@ -56,13 +58,16 @@ PLANNED = 256  # parts of the tree that the package plans
 _PART_VERTICES = 150
 _PANELS = 1200  # panels of the natural boundary, as in pgcp.natural
 _POINTS, _MOST_PARTS = 8000, 8  # points that all seams are subdivided to, as in pgcp.split
+_SOLVE, _AHEAD = 1e6, 2e6  # ranks after all of the first pass
 _PATCH_BYTES, _MAP_BYTES = 72.0, 48.0  # of a stored patch and its map, per vertex
 
 Sizes = dict[str, Any]
+Name = int | tuple[str, int]  # of a patch or union, or what is done for it
 # n vertices of a patch, or nodes of a union; b boundary edges; s seam points; p panels; c patches in a union; V, K of the run
 TERMS: dict[str, Callable[[Sizes], list[Any]]] = {
     "flatten": lambda x: [1.0, x["n"], x["n"] ** 1.5, x["b"] ** 3],
     "weld": lambda x: [1.0, x["n"], x["s"] * x["n"], x["s"] ** 2, x["n"] * x["p"], x["c"] ** 2 * x["n"]],
+    "prepare": lambda x: [1.0, x["n"], x["n"] ** 1.5],
     "solve": lambda x: [1.0, x["n"], x["n"] ** 1.5],
     "driver": lambda x: [x["V"], x["K"]],
     "between stages": lambda x: [x["V"], x["K"], x["K"] ** 2],
@@ -108,16 +113,18 @@ def evaluate(kind: str, factors: np.ndarray, sizes: Sizes) -> Any:
 class Task:
     """One task: seconds of work, tasks it waits for, and bytes from the store, from the driver and back to the driver.
 
-    Those of less ``rank`` go first.
+    Those of less ``rank`` go first. Until a task ``spare_until`` is done this one is for workers that are idle, and not before
+    the driver knows that they are.
     """
 
-    name: int
+    name: Name
     seconds: float
-    after: tuple[int, ...] = ()
+    after: tuple[Name, ...] = ()
     store_bytes: float = 0.0
     in_bytes: float = 0.0
     out_bytes: float = 0.0
     rank: float = 0.0
+    spare_until: Name | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +150,7 @@ class Link:
         return self._free_at
 
 
-def simulate(jobs: Sequence[Task], workers: int, network: Network | None = None) -> dict[int, float]:
+def simulate(jobs: Sequence[Task], workers: int, network: Network | None = None) -> dict[Name, float]:
     """Seconds until each task is done: by rank, then first come first served, when its turn has come and a worker is idle.
 
     A worker is busy from when a task is sent to it until it has computed; the result is then on its way to the driver, and
@@ -152,28 +159,34 @@ def simulate(jobs: Sequence[Task], workers: int, network: Network | None = None)
     network = network or Network()
     store, driver = Link(network.bytes_per_s), Link(network.bytes_per_s)
     missing = {job.name: len(job.after) for job in jobs}
-    followers: dict[int, list[Task]] = {job.name: [] for job in jobs}
+    followers: dict[Name, list[Task]] = {job.name: [] for job in jobs}
     for job in jobs:
         for name in job.after:
             followers[name].append(job)
     order = itertools.count()
     ready = [(job.rank, next(order), job) for job in jobs if not job.after]
     heapq.heapify(ready)
-    idle, now, finished = workers, 0.0, dict[int, float]()
+    idle, under_way, now, finished = workers, 0, 0.0, dict[Name, float]()
     events: list[tuple[float, int, bool, Task]] = []
     while ready or events:
         while ready and idle:
+            spare_until = ready[0][2].spare_until
+            if spare_until is not None and spare_until not in finished and under_way >= workers:
+                break
             _, _, job = heapq.heappop(ready)
-            idle -= 1
+            idle, under_way = idle - 1, under_way + 1
             begin = store.carry(now + network.overhead_s + network.latency_s, job.store_bytes)
             begin = driver.carry(begin, job.in_bytes)
             heapq.heappush(events, (begin + job.seconds, next(order), False, job))
+        if not events:
+            break
         now, _, has_arrived, job = heapq.heappop(events)
         if not has_arrived:
             idle += 1
             there = driver.carry(now, job.out_bytes) + network.latency_s
             heapq.heappush(events, (there, next(order), True, job))
             continue
+        under_way -= 1
         finished[job.name] = now
         for follower in followers[job.name]:
             missing[follower.name] -= 1
@@ -185,12 +198,23 @@ def simulate(jobs: Sequence[Task], workers: int, network: Network | None = None)
 
 
 def passes(
-    flatten: Sequence[Task], welds: Sequence[Task], solve: Sequence[Task], workers: int, network: Network
+    flatten: Sequence[Task],
+    welds: Sequence[Task],
+    prepare: Sequence[Task],
+    solve: Sequence[Task],
+    workers: int,
+    network: Network,
 ) -> list[float]:
-    """Seconds of flatten, of the welds that are left after it, and of solve."""
-    done = simulate([*flatten, *welds], workers, network)
-    flattened = max(done[job.name] for job in flatten)
-    return [flattened, max(done.values()) - flattened, max(simulate(solve, workers, network).values())]
+    """Seconds of flatten, of the welds that are left after it, and of solve, whose first part idle workers do ahead.
+
+    The last of the welds is that after which patches are solved; tasks of patch k are named k in every list.
+    """
+    last = welds[-1].name
+    ahead = [replace(t, name=("prepare", t.name), after=(t.name,), rank=_AHEAD, spare_until=last) for t in prepare]
+    after = [replace(t, name=("solve", t.name), after=(last, ("prepare", t.name)), rank=_SOLVE) for t in solve]
+    done = simulate([*flatten, *welds, *ahead, *after], workers, network)
+    flattened, solved = (max(done[job.name] for job in some) for some in (flatten, after))
+    return [flattened, done[last] - flattened, solved - done[last]]
 
 
 def depth_of(leaves: Sequence[int], joins: Iterable[tuple[int, int, int]]) -> dict[int, int]:
@@ -333,7 +357,7 @@ class TimedExecutor(SerialExecutor):
                 result = function(item)
             seconds = time.perf_counter() - start
             grown = resident_bytes("VmHWM") - before if self.looks_at_memory else 0
-            sizes, size = self._sizes(stage, after, name, item, result), array_bytes(result)
+            sizes, size = self._sizes(stage, after, name, item, result), 0.0 if stage == "prepare" else array_bytes(result)
             self.samples.append(Sample(stage, name, sizes, seconds, grown, after, size))
             return result
 
@@ -343,16 +367,21 @@ class TimedExecutor(SerialExecutor):
         if stage == "weld" and after:
             self._inside[name] = sum(self._inside.get(part, 1) for part in after)
             return union_sizes(*item, result, self._inside[name])
+        if stage == "prepare":
+            return {"patch": item}
         return (
             {"patch": result.patch, "points": len(result.z)} if stage == "flatten" else {"patch": getattr(result, "patch", 0)}
         )
 
     def map(self, stage: str, function: Any, items: Any, *more: Any, **options: Any) -> list[Any]:
-        """See Executor."""
+        """See Executor. Patches are prepared, as by idle workers, before they are solved."""
         turns = itertools.count()
 
         def run(item: Any) -> Any:
-            return self._timed(stage, function, next(turns), ())(item)
+            turn = next(turns)
+            if getattr(function, "func", None) is solve_task:
+                self._timed("prepare", functools.partial(prepare_task, function.args[0]), turn, ())(item[0])
+            return self._timed(stage, function, turn, ())(item)
 
         return super().map(stage, run, items, *more, **options)
 
@@ -459,7 +488,7 @@ def gathered(samples: Iterable[Sample]) -> Sizes:
 
 def fit_model(traces: Sequence[Trace], base_bytes: float, driver_bytes: float) -> Model:
     """Fit all there is to fit."""
-    pools = {stage: [s for t in traces for s in t.of(stage)] for stage in ("flatten", "weld", "solve")}
+    pools = {stage: [s for t in traces for s in t.of(stage)] for stage in ("flatten", "weld", "prepare", "solve")}
     pools["weld"] = [s for s in pools["weld"] if s.after]
     least = {"weld": (0.0, 0.0, zipper_seconds(), 0.0, 0.0, cycle_seconds())}
     factors = {
@@ -631,13 +660,14 @@ def predict(model: Model, vertices: float, patches: int, workers: int, network: 
     edges = model.boundary * np.sqrt(mean)
     points = edge_parts(patches * edges / 2) * edges + model.extra_points
     flatten = model.of("flatten", {"n": n, "b": b})
-    solve = model.of("solve", {"n": n})
+    prepare, solve = (model.of(kind, {"n": n}) for kind in ("prepare", "solve"))
     tree = weld_tree(patches)
     depth = depth_of(range(patches), (step[:3] for step in tree.steps))
     first = [Task(k, t, (), _PATCH_BYTES * n[k], 0.0, 16.0 * points, depth[k]) for k, t in enumerate(flatten)]
+    ahead = [Task(k, t, (), _PATCH_BYTES * n[k]) for k, t in enumerate(prepare)]
     last = [Task(k, t, (), (_PATCH_BYTES + _MAP_BYTES) * n[k], 16.0 * b[k], 100.0) for k, t in enumerate(solve)]
     welds, unions = weld_tasks(model, tree, edges, points)
-    seconds = passes(first, welds, last, workers, network)
+    seconds = passes(first, welds, ahead, last, workers, network)
     weld_bytes = max((float(model.of("weld bytes", sizes)) for sizes in unions), default=0.0)
     work = max(float(model.of("flatten bytes", {"n": mean, "b": edges})), weld_bytes)
     union = float(model.of("union bytes", unions[-1])) if unions else 0.0
@@ -656,8 +686,8 @@ def replay(run: Trace, workers: int, network: Network) -> tuple[float, float]:
     """Seconds of the parallel stages, and of the whole, when measured tasks run on so many workers."""
     flatten = [Task(s.sizes["patch"], s.seconds) for s in run.of("flatten")]
     welds = [Task(s.name, s.seconds, s.after, rank=-1.0) for s in run.of("weld") if s.after]
-    solve = [Task(s.name, s.seconds) for s in run.of("solve")]
-    parallel = sum(passes(flatten, welds, solve, workers, network))
+    prepare, solve = ([Task(s.sizes["patch"], s.seconds) for s in run.of(stage)] for stage in ("prepare", "solve"))
+    parallel = sum(passes(flatten, welds, prepare, solve, workers, network))
     return parallel, parallel + sum(run.driver.values())
 
 

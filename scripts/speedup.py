@@ -36,6 +36,9 @@ from typing import Any
 from benchmark import aligned, draw_stacks, run_pgcp, stage_seconds, warm_up, watched
 
 import pgcp
+from pgcp.executors import start_cluster
+from pgcp.forks import prepare_forks
+from pgcp.parallel import limited_to
 
 PARALLEL = ("flatten", "weld", "solve", "merge")
 REST = "write and the rest"
@@ -122,14 +125,10 @@ def measure(mesh: Path, patches: int, workers: int, target: str, repeat: int) ->
 
 
 def measure_started(path: Path, patches: Sequence[int], workers: int, target: str, repeat: int) -> list[Run]:
-    """The same on workers that have been started and have mapped the mesh once."""
-    from distributed import LocalCluster
-
+    """The same on workers that have been started, as pgcp-run starts its own, and have mapped the mesh once."""
     runs = []
-    os.environ.setdefault("DASK_LOGGING__DISTRIBUTED", "critical")  # in workers: what is said while they are closed
-    with LocalCluster(
-        n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address="127.0.0.1:0"
-    ) as cluster:
+    prepare_forks()
+    with limited_to(workers), start_cluster(workers) as cluster:
         address = cluster.scheduler_address
         pgcp.compute(path, pgcp.Options(patches=patches[0], target=target, scheduler=address))
         for count in patches:
