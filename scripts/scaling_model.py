@@ -11,9 +11,9 @@ fit       seconds and bytes as sums of powers of sizes, with factors that are no
           the vertices and boundary edges of a patch, weld by the points of the seam and the union, driver stages by
           vertices and patches; what runs between the stages, planning the welds, also by the square of the patches. Of the
           terms of a weld that grow fastest, and are small on the measured mesh, a least factor is measured by themselves
-simulate  list scheduling of flatten and the tree of welds, which go first when they can begin, with what is idle preparing
-          patches, then solve; an overhead for every task; patches go through the store's link, curves and unions through the driver's, each of --bandwidth-gbit
-          and used by one transfer at a time.
+simulate  list scheduling of flatten and the tree of welds, which go first when they can begin, with workers that are idle
+          preparing patches, then solve; an overhead for every task; patches go through the store's link, curves and unions
+          through the driver's, each of --bandwidth-gbit and used by one transfer at a time.
           Patches are as many as pgcp-run takes. The tree of welds is that of a flat square, planned by the package for up to
           256 parts, each halved further as needed
 validate  the first mesh in --validate patches (0: not at all) on 1 and 2 worker processes that have been started before,
@@ -58,7 +58,7 @@ PLANNED = 256  # parts of the tree that the package plans
 _PART_VERTICES = 150
 _PANELS = 1200  # panels of the natural boundary, as in pgcp.natural
 _POINTS, _MOST_PARTS = 8000, 8  # points that all seams are subdivided to, as in pgcp.split
-_SOLVE, _AHEAD = 1e6, 2e6  # ranks after all of the first pass
+_AHEAD, _SOLVE = 1e6, 2e6  # ranks after all of the first pass
 _PATCH_BYTES, _MAP_BYTES = 72.0, 48.0  # of a stored patch and its map, per vertex
 
 Sizes = dict[str, Any]
