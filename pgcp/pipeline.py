@@ -41,7 +41,7 @@ _NO_BOUNDARY_TO_HOLD = (
     "choose --seams weld or --seams exact"
 )
 _STORE_FORMAT = 1
-_PACKAGES = ("pgcp", "numpy", "scipy", "numba", "networkx", "dask", "distributed", "pymetis", "mkl")
+_PACKAGES = ("pgcp", "numpy", "scipy", "numba", "dask", "distributed", "pymetis", "mkl")
 
 
 def as_mesh(source: Any) -> Mesh:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import networkx as nx
 import numba
 import numpy as np
 from scipy.sparse import coo_array
@@ -91,8 +90,6 @@ def plan_welds(table: SeamTable, patch_count: int, closed: bool = False, crowdin
     a long seam behind a narrow neck crowds all that lies beyond. On an open surface, of pairs that cost about the same one
     whose welds before it are fewer levels deep is chosen. Raises PartitionInputError where no pair is left.
     """
-    graph: nx.Graph = nx.Graph()
-    graph.add_nodes_from(range(patch_count), level=0)
     relabel = np.arange(patch_count)
     name = list(range(patch_count))  # representative label -> component id
     level = np.zeros(patch_count, np.int64)
@@ -116,12 +113,8 @@ def plan_welds(table: SeamTable, patch_count: int, closed: bool = False, crowdin
         result = patch_count + step
         new_level = int(levels[best])
         steps.append(WeldStep(name[p], name[q], result, new_level, int(contacts.edge_count[usable[best]]), last))
-        graph.add_edge(name[p], result)
-        graph.add_edge(name[q], result)
         relabel[relabel == q] = p
         name[p], level[p] = result, new_level
-    if not nx.is_tree(graph):
-        raise PartitionInputError("the weld plan is not a tree")
     return WeldPlan(patch_count, tuple(sorted(steps, key=lambda s: (s.level, s.result))))
 
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import networkx
 import numpy as np
 import pytest
 from meshes import grid, lifted, similarity_error
@@ -269,9 +270,12 @@ def test_an_open_surface_is_welded_in_few_levels(monkeypatch):
     table = split_mesh(mesh, examine(mesh.faces, len(mesh.vertices)), 24).table
 
     def levels():
-        steps = plan_welds(table, 24).steps
-        assert len({step.result for step in steps}) == 23
-        return max(step.level for step in steps)
+        plan = plan_welds(table, 24)
+        tree = plan.tree()
+        assert networkx.is_arborescence(tree.reverse())  # every component goes into one union, the last one into none
+        assert [part for part, inside in tree.in_degree() if inside == 0] == list(range(24))
+        assert networkx.dag_longest_path_length(tree, weight=None) == len(plan.levels)
+        return len(plan.levels)
 
     few = levels()
     monkeypatch.setattr(split, "_DEPTH", {False: 0.0})
