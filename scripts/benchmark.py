@@ -14,7 +14,8 @@ external   any command; {mesh} is the mesh file, {out} a path in a folder that i
 pgcp-run on its demo that is not counted.
 
 Measured are wall seconds; CPU seconds of all processes together; their peak memory together, looked at every 50 ms:
-proportional set sizes (PSS), taken whenever resident sizes have grown by 2 %, or resident sizes where there are no others.
+proportional set sizes (PSS), taken whenever resident sizes have grown by 2 %, or resident sizes where there are no others;
+in the first of repeated runs only, since looking takes some time of those who are looked at.
 Prints medians, also per million vertices, and the ratio of wall seconds to the yardstick's solve alone (analysis,
 factorization, solve) and to its whole process. Writes benchmark.tsv, a row per run with its stages, and benchmark.png.
 """
@@ -77,9 +78,10 @@ class Measured:
 
 
 class Watch:
-    """Memory and CPU seconds of a process and all its children, as far as they have been seen."""
+    """Memory and CPU seconds of a process and all its children, as far as they have been seen; memory on request only."""
 
-    def __init__(self, pid: int) -> None:
+    def __init__(self, pid: int, looks_at_memory: bool) -> None:
+        self._looks_at_memory = looks_at_memory
         self.root = psutil.Process(pid)
         self.peak_bytes = self.root_peak_bytes = 0
         self._resident = 0.0
@@ -100,7 +102,7 @@ class Watch:
                 self._found = time.monotonic()
             sizes = [self._size(process) for process in self._processes]
             self.root_peak_bytes = max(self.root_peak_bytes, sizes[0])
-            if sum(sizes) > _GROWTH * self._resident:
+            if self._looks_at_memory and sum(sizes) > _GROWTH * self._resident:
                 self._resident = sum(sizes)
                 self.peak_bytes = max(self.peak_bytes, sum(self._share(process) for process in self._processes))
 
@@ -122,9 +124,9 @@ class Watch:
 
 
 @contextmanager
-def watched(pid: int) -> Iterator[Watch]:
+def watched(pid: int, looks_at_memory: bool = True) -> Iterator[Watch]:
     """Look at a process and its children every 50 ms while what is inside runs."""
-    watch, ended = Watch(pid), threading.Event()
+    watch, ended = Watch(pid, looks_at_memory), threading.Event()
 
     def keep_looking() -> None:
         while not ended.is_set():
@@ -140,12 +142,12 @@ def watched(pid: int) -> Iterator[Watch]:
         thread.join()
 
 
-def run_measured(command: Sequence[str | Path]) -> Measured:
+def run_measured(command: Sequence[str | Path], looks_at_memory: bool = True) -> Measured:
     """Run a command to its end and measure it with all processes it starts."""
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
         start = time.perf_counter()
         process = subprocess.Popen([str(word) for word in command], stdout=output, stderr=errors, stdin=subprocess.DEVNULL)
-        with watched(process.pid) as watch:
+        with watched(process.pid, looks_at_memory) as watch:
             _, status, usage = os.wait4(process.pid, 0)
             wall_s = time.perf_counter() - start
         process.returncode = os.waitstatus_to_exitcode(status)
@@ -340,10 +342,12 @@ def pgcp_command(mesh: Path | None, out: Path, options: dict[str, Any]) -> list[
     return [sys.executable, "-m", "pgcp", *([] if mesh is None else [str(mesh)]), *words]
 
 
-def run_pgcp(path: Path, options: dict[str, Any]) -> tuple[Measured, dict[str, Any] | None, float]:
+def run_pgcp(
+    path: Path, options: dict[str, Any], looks_at_memory: bool = True
+) -> tuple[Measured, dict[str, Any] | None, float]:
     """Run pgcp-run once: its report, and the seconds it says it took; None and nan where it has failed."""
     with tempfile.TemporaryDirectory() as folder:
-        measured = run_measured([*pgcp_command(path, Path(folder), options), "--json", "--quiet"])
+        measured = run_measured([*pgcp_command(path, Path(folder), options), "--json", "--quiet"], looks_at_memory)
         report = Path(folder) / "report.json"
         if not report.exists():
             return measured, None, float("nan")
@@ -356,20 +360,22 @@ def warm_up(options: dict[str, Any]) -> Measured:
         return run_measured(pgcp_command(None, Path(folder), options))
 
 
-def run_contestant(name: str, path: Path, arguments: argparse.Namespace) -> tuple[Measured, int | None, dict[str, float]]:
+def run_contestant(
+    name: str, path: Path, arguments: argparse.Namespace, looks_at_memory: bool
+) -> tuple[Measured, int | None, dict[str, float]]:
     """Run a contestant once; its number of patches and stages, where it has some."""
     if name == "pgcp":
         options = {"workers": arguments.workers, "patches": arguments.patches, "target": arguments.target}
-        measured, report, _ = run_pgcp(path, options)
+        measured, report, _ = run_pgcp(path, options, looks_at_memory)
         return measured, *((len(report["patches"]), stage_seconds(report)) if report else (None, {}))
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out"
         if name in KNOWN:
             words = ["--child", name, "--child-output", out, "--threads", str(arguments.threads)]
-            measured = run_measured([sys.executable, Path(__file__), *words, path])
+            measured = run_measured([sys.executable, Path(__file__), *words, path], looks_at_memory)
             return measured, None, json.loads(out.read_text()) if out.exists() else {}
         command = arguments.named[name].replace("{mesh}", shlex.quote(str(path))).replace("{out}", shlex.quote(str(out)))
-        return run_measured(shlex.split(command)), None, {}
+        return run_measured(shlex.split(command), looks_at_memory), None, {}
 
 
 def installed(names: Sequence[str]) -> list[str]:
@@ -395,7 +401,7 @@ def run_all(path: Path, arguments: argparse.Namespace) -> list[Row]:
     rows = []
     for number in range(arguments.repeat):
         for name in names:
-            measured, patches, stages = run_contestant(name, path, arguments)
+            measured, patches, stages = run_contestant(name, path, arguments, looks_at_memory=number == 0)
             rows.append(Row(path.stem, count, name, number, measured, patches, stages))
             if measured.status:
                 said = measured.errors.strip().splitlines()[-1:]
@@ -427,7 +433,7 @@ def summary(rows: Sequence[Row]) -> list[list[str]]:
         own = [row for row in good if (row.mesh, row.name) == (mesh, name)]
         yard = [row for row in good if (row.mesh, row.name) == (mesh, "pardiso")]
         wall, cpu = middle(own, lambda r: r.measured.wall_s), middle(own, lambda r: r.measured.cpu_s)
-        memory = middle(own, lambda r: r.measured.peak_bytes / 1e6)
+        memory = max((r.measured.peak_bytes / 1e6 for r in own), default=float("nan"))
         head = [mesh, str(vertices), name, str(len(own))]
         table.append([*head, *summary_line(vertices, wall, cpu, memory, yard)])
         if name.startswith("pardiso"):
@@ -451,7 +457,8 @@ def tsv(rows: Sequence[Row]) -> str:
     lines = [[*COLUMNS, *(f"{stage}_s" for stage in stages)]]
     for row in rows:
         m = row.measured
-        numbers = [f"{m.wall_s:.4f}", f"{m.cpu_s:.4f}", f"{m.peak_bytes / 1e6:.1f}", f"{m.root_peak_bytes / 1e6:.1f}"]
+        peak = f"{m.peak_bytes / 1e6:.1f}" if m.peak_bytes else ""
+        numbers = [f"{m.wall_s:.4f}", f"{m.cpu_s:.4f}", peak, f"{m.root_peak_bytes / 1e6:.1f}"]
         seconds = [f"{row.stages[stage]:.4f}" if stage in row.stages else "" for stage in stages]
         patches = "" if row.patches is None else str(row.patches)
         lines.append([row.mesh, str(row.vertices), row.name, str(row.number), str(m.status), patches, *numbers, *seconds])

@@ -100,7 +100,10 @@ def table(runs: Sequence[Run]) -> list[list[str]]:
 
 
 def run_of(patches: int, workers: int, found: Sequence[tuple[dict[str, Any], float, int]]) -> Run:
-    """Medians over reports, seconds and peak memory of equal runs. Raises SystemExit where the patches are other ones."""
+    """Of equal runs medians over reports and seconds, and the peak memory, looked at in the first.
+
+    Raises SystemExit where the patches are other ones.
+    """
     stages = []
     for report, seconds, _ in found:
         if len(report["patches"]) != patches:
@@ -110,14 +113,15 @@ def run_of(patches: int, workers: int, found: Sequence[tuple[dict[str, Any], flo
     names = dict.fromkeys(name for by_stage in stages for name in by_stage)
     middle = {name: median(by_stage.get(name, 0.0) for by_stage in stages) for name in names}
     vertices = found[0][0]["mesh"]["vertices"]
-    return Run(patches, workers, vertices, median(f[1] for f in found), middle, median(f[2] for f in found))
+    return Run(patches, workers, vertices, median(f[1] for f in found), middle, max(f[2] for f in found))
 
 
 def measure(mesh: Path, patches: int, workers: int, target: str, repeat: int) -> Run:
     """Run pgcp-run so often and take medians. Raises SystemExit where one ends without a map."""
     found = []
-    for _ in range(repeat):
-        measured, report, seconds = run_pgcp(mesh, {"patches": patches, "workers": workers, "target": target})
+    for number in range(repeat):
+        options = {"patches": patches, "workers": workers, "target": target}
+        measured, report, seconds = run_pgcp(mesh, options, looks_at_memory=number == 0)
         if report is None:
             raise SystemExit(f"{mesh}: {patches} patches on {workers} workers: {measured.errors.strip()}")
         found.append((report, seconds, measured.peak_bytes))
@@ -133,9 +137,9 @@ def measure_started(path: Path, patches: Sequence[int], workers: int, target: st
         pgcp.compute(path, pgcp.Options(patches=patches[0], target=target, scheduler=address))
         for count in patches:
             found = []
-            for _ in range(repeat):
+            for number in range(repeat):
                 start = time.perf_counter()
-                with watched(os.getpid()) as watch:
+                with watched(os.getpid(), looks_at_memory=number == 0) as watch:
                     result = pgcp.compute(path, pgcp.Options(patches=count, target=target, scheduler=address))
                 found.append((result.report, time.perf_counter() - start, watch.peak_bytes))
             runs.append(run_of(count, workers, found))

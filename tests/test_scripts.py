@@ -73,7 +73,9 @@ def test_contestants_run_in_turns_and_every_run_is_told(hills_file, tmp_path):
     assert names[0] == "pgcp"
     assert names[-1] == f"{Path(sys.executable).name} (1)"
     assert {row["status"] for row in rows} == {"0"}
-    assert all(float(row["wall_s"]) > 0 and float(row["peak_mb"]) > 1 for row in rows)
+    assert all(float(row["wall_s"]) > 0 for row in rows)
+    assert all(float(row["peak_mb"]) > 1 for row in rows[: len(names)])  # memory is looked at in the first run
+    assert {row["peak_mb"] for row in rows[len(names) :]} == {""}
     assert all(float(row["flatten_s"]) > 0 for row in rows if row["contestant"] == "pgcp")
     assert said.splitlines()[0].split()[:3] == ["mesh", "vertices", "contestant"]
     assert (tmp_path / "out" / "benchmark.png").read_bytes().startswith(b"\x89PNG")
