@@ -24,9 +24,9 @@ from distributed import Client
 from meshes import grid, lifted
 
 import pgcp
-from pgcp import executors, pipeline
+from pgcp import pipeline
 from pgcp.errors import LostFileError, StoppedError
-from pgcp.executors import DaskExecutor
+from pgcp.executors import DaskExecutor, on_dask
 from pgcp.run import discard
 from pgcp.store import PatchStore
 from pgcp.types import BoundaryCurve
@@ -156,7 +156,7 @@ def test_another_worker_takes_over_from_a_killed_one(stage, cluster, place, refe
 
 def test_what_has_been_taken_is_not_done_again_for_a_lost_worker(cluster, monkeypatch):
     cluster.have_workers(1)
-    monkeypatch.setattr(executors, "_LOOK_S", 0.05)  # each look in vain leaves references behind that only gc finds
+    monkeypatch.setattr(on_dask, "_LOOK_S", 0.05)  # each look in vain leaves references behind that only gc finds
     left = [2, 1, 0]
     gc.disable()
     try:

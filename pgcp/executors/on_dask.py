@@ -1,16 +1,9 @@
-"""Where tasks run: in this process, or on dask workers. The only import of dask.
-
-An executor maps a function over items, or joins values along a tree, and reports progress. Results do not depend on the
-order in which tasks finish, and each task computes with one BLAS thread wherever it runs: they do not depend on the executor.
-"""
+"""Tasks on dask workers, started here or elsewhere; lost ones run again."""
 
 from __future__ import annotations
 
 import atexit
 import ctypes
-import logging
-import multiprocessing
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -18,278 +11,20 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, suppre
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
 from pgcp.errors import InputError, LostFileError, SolveFailedError, StoppedError
-from pgcp.forks import FORKS, WORKER_ENVIRONMENT, interrupts_for_this_process_only, prepare_forks
+from pgcp.executors.cluster import Security, at_scheduler, check_that_workers_can_start, silenced, start_cluster
+from pgcp.executors.protocol import Item, Joining, Progress, Result, count, ignore, peak_bytes, silent
+from pgcp.forks import prepare_forks
 from pgcp.parallel import leave, limited_to
 
-Item = TypeVar("Item")
-Result = TypeVar("Result")
-Progress = Callable[[str, int, int], None]
-_ANSWER_S = "10s"
-_QUIET = {  # what dask does beside tasks a hundred times a second, on the processors that they need
-    "distributed.worker.profile.enabled": False,
-    "distributed.admin.tick.interval": "1s",
-}
 _LOOK_S = 2.0
 _JOINS_FIRST, _SPARES_LAST = 1, -1  # of all tasks: what is joined at last waits for every join before it
 _MOST_TRIES = 5
 _RESTART_S = 10.0
-
-
-class Join(NamedTuple):
-    """One node of a tree: function((values[left], values[right])) becomes values[result]."""
-
-    left: int
-    right: int
-    result: int
-    function: Callable[[tuple[Any, Any]], Any]
-
-
-class Spare(NamedTuple):
-    """Work that an idle worker does ahead of a task for the same place; function(item) says whether it has kept the outcome."""
-
-    place: int
-    function: Callable[[Any], bool]
-    item: Any
-
-
-class Joining:
-    """Joins along a tree, each to be done as soon as what it needs is there.
-
-    ``put`` gives what they begin with, under names; ``values`` are those nothing has been made of yet, ``waiting`` the joins
-    that have not begun. After a problem no more are begun. ``done`` more joins count as finished in what progress says.
-    ``spares`` are for workers that are idle before all is joined, the next one last, until one is not kept.
-    """
-
-    def __init__(self, stage: str, joins: Sequence[Join], done: int = 0) -> None:
-        self.stage = stage
-        self.finished, self.total = done, done + len(joins)
-        self.values: dict[int, Any] = {}
-        self.problem: Exception | None = None
-        self.waiting = list(joins)
-        self.spares: list[Spare] = []
-        self._seen: set[int] = set()
-
-    def put(self, name: int, value: Any) -> None:
-        """Give a value; one that was given before is not needed again."""
-        if name not in self._seen:
-            self._seen.add(name)
-            self.values[name] = value
-
-    def take_ready(self) -> list[tuple[Join, tuple[Any, Any]]]:
-        """What can be joined now, with its values."""
-        if self.problem is not None:
-            return []
-        ready = [node for node in self.waiting if node.left in self.values and node.right in self.values]
-        self.waiting = [node for node in self.waiting if node not in ready]
-        return [(node, (self.values.pop(node.left), self.values.pop(node.right))) for node in ready]
-
-    def keep(self, name: int, value: Any) -> None:
-        """Take what has been joined."""
-        self.put(name, value)
-        self.finished += 1
-
-
-@dataclass(frozen=True, slots=True)
-class Security:
-    """Files for TLS: certificate of the authority, own certificate and key, all PEM."""
-
-    ca: Path
-    certificate: Path
-    key: Path
-
-
-def silent(_stage: str, _done: int, _total: int) -> None:
-    """Report no progress."""
-
-
-def ignore(_result: object) -> None:
-    """Do nothing with a result that has come in."""
-
-
-def _count(taken: dict[str, dict[str, float]], stage: str, seconds: float) -> None:
-    record = taken.setdefault(stage, {"count": 0, "seconds": 0.0})
-    record["count"] += 1
-    record["seconds"] = round(record["seconds"] + seconds, 4)
-
-
-class Executor(Protocol):
-    """Maps functions over items."""
-
-    def map(
-        self,
-        stage: str,
-        function: Callable[[Item], Result],
-        items: Sequence[Item],
-        places: Sequence[int] | None = None,
-        done: int = 0,
-        each: Callable[[Result], None] = ignore,
-        beside: Joining | None = None,
-        keeps: bool = True,
-    ) -> list[Result]:
-        """Apply function to every item. Items prefer the worker that keeps something for the same place (by default, position).
-
-        With ``keeps`` workers keep something of these items. ``done`` more items count as finished in what progress says.
-        ``each`` is called with every result as it comes in. Joins ``beside`` may be begun meanwhile; ``join`` waits for them.
-        """
-        ...
-
-    def join(self, joining: Joining) -> dict[int, Any]:
-        """Do the joins that are left; returns the values nothing is made of, or raises the problem of one of them."""
-        ...
-
-    @property
-    def taken(self) -> dict[str, dict[str, float]]:
-        """How many tasks each stage had, and the seconds they took where they ran, added up."""
-        ...
-
-    def rest(self) -> None:
-        """Have workers that were started here give back the memory that they keep for the next task."""
-        ...
-
-    def everywhere(self, function: Callable[[], None]) -> None:
-        """Call function once in every process that stays after this executor."""
-        ...
-
-    def describe(self) -> dict[str, Any]:
-        """Kind, workers and threads, for the report."""
-        ...
-
-    def peak_bytes(self) -> int:
-        """Largest resident size any process of this executor has had."""
-        ...
-
-
-def _peak_bytes() -> int:
-    try:
-        import resource
-    except ImportError:
-        import psutil
-
-        return int(psutil.Process().memory_info().rss)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return int(peak if sys.platform == "darwin" else peak * 1024)
-
-
-class SerialExecutor(AbstractContextManager["SerialExecutor"]):
-    """One task after the other in this process: the reference."""
-
-    def __init__(self, progress: Progress = silent) -> None:
-        self._progress = progress
-        self.taken: dict[str, dict[str, float]] = {}
-
-    def map(
-        self,
-        stage: str,
-        function: Callable[[Item], Result],
-        items: Sequence[Item],
-        places: Sequence[int] | None = None,
-        done: int = 0,
-        each: Callable[[Result], None] = ignore,
-        beside: Joining | None = None,
-        keeps: bool = True,
-    ) -> list[Result]:
-        """See Executor. Joins wait: there is one process, which is never idle."""
-        total = done + len(items)
-        out = []
-        self._progress(stage, done, total)
-        for item in items:
-            out.append(self._computed(stage, function, item))
-            each(out[-1])
-            self._progress(stage, done + len(out), total)
-        return out
-
-    def join(self, joining: Joining) -> dict[int, Any]:
-        """See Executor."""
-        self._progress(joining.stage, joining.finished, joining.total)
-        while ready := joining.take_ready():
-            for node, pair in ready:
-                joining.keep(node.result, self._computed(joining.stage, node.function, pair))
-                self._progress(joining.stage, joining.finished, joining.total)
-        return joining.values
-
-    def _computed(self, stage: str, function: Callable[[Item], Result], item: Item) -> Result:
-        start = time.perf_counter()
-        try:
-            with threadpool_limits(1):
-                result = function(item)
-        except MemoryError as problem:
-            raise SolveFailedError(f"stage {stage} ran out of memory") from problem
-        _count(self.taken, stage, time.perf_counter() - start)
-        return result
-
-    def rest(self) -> None:
-        """See Executor."""
-
-    def everywhere(self, function: Callable[[], None]) -> None:
-        """See Executor."""
-        function()
-
-    def describe(self) -> dict[str, Any]:
-        """See Executor."""
-        return {"kind": "serial", "workers": 0, "threads_per_worker": 1}
-
-    def peak_bytes(self) -> int:
-        """See Executor."""
-        return _peak_bytes()
-
-    def __exit__(self, *_: object) -> None:
-        return None
-
-
-def _check_that_workers_can_start() -> None:
-    """Raise InputError where the main script is no file that worker processes could import."""
-    if getattr(multiprocessing.current_process(), "_inheriting", False):
-        # this is such a process, importing a script that starts workers without asking whether it is the main one
-        raise SystemExit(1)
-    script = _script()
-    if script is not None and not script.exists():
-        raise InputError(f"worker processes import the main script, but {script} is no file; put it into one or use workers=0")
-
-
-def _script() -> Path | None:
-    """The file that worker processes import as the main module, if they do."""
-    main = sys.modules["__main__"]
-    name = getattr(main, "__file__", None)
-    return None if name is None or getattr(main, "__spec__", None) is not None else Path(name)
-
-
-def start_cluster(workers: int) -> Any:
-    """Start worker processes, a LocalCluster reached from this machine only.
-
-    Raises InputError where the main script does not let them. ``prepare_forks`` called before makes it faster.
-    """
-    import dask
-    import distributed.utils
-    from distributed import LocalCluster
-
-    settings: dict[str, Any] = {f"distributed.nanny.pre-spawn-environ.{name}": v for name, v in WORKER_ENVIRONMENT.items()}
-    settings |= _QUIET
-    if FORKS and hasattr(distributed.utils, "get_mp_context"):  # an older dask cannot be told so late
-        settings["distributed.worker.multiprocessing-method"] = "forkserver"
-    try:
-        with interrupts_for_this_process_only(), dask.config.set(settings):
-            return LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                processes=True,
-                host="127.0.0.1",
-                dashboard_address="127.0.0.1:0",
-                silence_logs=logging.CRITICAL,
-            )
-    except RuntimeError as problem:
-        script = _script()
-        if script is None or "failed to start" not in str(problem):
-            raise
-        unguarded = "__main__" not in script.read_text(encoding="utf-8", errors="replace")
-        raise InputError(
-            f"the worker processes did not start ({str(problem).rstrip('.')}); they import {script}, whose work must stand "
-            'under `if __name__ == "__main__":`, or use workers=0'
-        ) from (None if unguarded else problem)
 
 
 def _warm_up_here(warm: Callable[[], None]) -> None:
@@ -311,43 +46,6 @@ def _run_located(function: Callable[[Any], Any], item: Any, processors: int) -> 
     with threadpool_limits(1), limited_to(processors):
         result = function(item)
     return get_worker().address, time.perf_counter() - start, result
-
-
-@contextmanager
-def _silenced() -> Iterator[None]:
-    """Have dask log nothing of workers and schedulers that come and go: errors say what matters."""
-    import distributed  # noqa: F401  # it sets levels of its own
-
-    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
-    before = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        for logger, level in zip(loggers, before, strict=True):
-            logger.setLevel(level)
-
-
-def _at_scheduler(scheduler: str | None, scheduler_file: Path | None, security: Security | None) -> Any:
-    """A client of a running scheduler; raises InputError where none answers."""
-    from distributed import Client
-    from distributed.security import Security as DaskSecurity
-
-    where = scheduler or scheduler_file
-    if security is None and scheduler is not None and scheduler.startswith("tls://"):
-        raise InputError(f"the scheduler at {scheduler} speaks TLS; give --tls-ca, --tls-cert and --tls-key")
-    options: dict[str, Any] = {}
-    if security is not None:
-        files = (str(security.ca), str(security.certificate), str(security.key))
-        names = ("tls_ca_file", "tls_client_cert", "tls_client_key")
-        options["security"] = DaskSecurity(require_encryption=True, **dict(zip(names, files, strict=True)))
-    try:
-        return Client(
-            address=scheduler, scheduler_file=str(scheduler_file) if scheduler_file else None, timeout=_ANSWER_S, **options
-        )
-    except (OSError, ValueError, RuntimeError, TypeError) as problem:
-        raise InputError(f"no dask scheduler answers at {where}: {problem}") from problem
 
 
 def _said(stage: str, problem: Exception) -> Exception:
@@ -425,13 +123,13 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         self._reach: Callable[[], Any] | None = None
         self._closing = ExitStack()
         if scheduler is None and scheduler_file is None:
-            _check_that_workers_can_start()
+            check_that_workers_can_start()
             self._starting = threading.Thread(target=self._start, args=(workers,), daemon=True)
             self._starting.start()
         else:
-            self._reach = partial(_at_scheduler, scheduler, scheduler_file, security)
+            self._reach = partial(at_scheduler, scheduler, scheduler_file, security)
             self._held = self._reach()
-            self._closing.enter_context(_silenced())
+            self._closing.enter_context(silenced())
             self._warm_up(self._held)
 
     def _start(self, workers: int) -> None:
@@ -439,7 +137,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
             prepare_forks()
             from distributed import Client
 
-            self._closing.enter_context(_silenced())
+            self._closing.enter_context(silenced())
             self._cluster = start_cluster(workers)
             self._held = Client(self._cluster)
             self._warm_up(self._held)
@@ -620,7 +318,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
             self._known.add(address)
             if task.keeps:
                 self._places[task.place] = address
-            _count(self.taken, task.stage, seconds)
+            count(self.taken, task.stage, seconds)
             if task.is_spare:
                 self._end_spare(task, result)
                 continue
@@ -696,11 +394,11 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
 
     def peak_bytes(self) -> int:
         """See Executor."""
-        own = _peak_bytes()
+        own = peak_bytes()
         if self._starting is not None or not self._is_reached:
             return own
         with suppress(Exception):  # of workers that are gone nothing is known
-            return max([own, *self._client.run(_peak_bytes, on_error="ignore").values()])
+            return max([own, *self._client.run(peak_bytes, on_error="ignore").values()])
         return own
 
     def __exit__(self, *_: object) -> None:
