@@ -140,11 +140,12 @@ def _maps(run: Run, count: int, seeds: range, cuts: IntArray | None, failures: l
                 raise
             yield {"patches": count, "seed": seed, "route": "split"}, problem
             continue
+        apart = replace(parts, job=replace(parts.job, run=f"{parts.job.run}-exact"))  # factors of the same patches, but others
         if run.exact_first:
-            yield _exact_map(run, parts)
+            yield _exact_map(run, apart)
         yield from _welded_maps(run, parts, failures)
         if exact_is_new and not run.exact_first:
-            yield _exact_map(run, replace(parts, job=replace(parts.job, run=f"{parts.job.run}-exact")))
+            yield _exact_map(run, apart)
         discard(parts)
 
 

@@ -42,7 +42,8 @@ class Welding(Joining):
         self._vertices, self._edges = run.mesh.vertices, parts.split.edges
         self._prepare = partial(prepare_task, parts.job)
         # where seams are solved as well, the first pass keeps what it can
-        self._unprepared = {patch.index for patch in parts.patches if run.options.seams != "relax"}
+        can_keep = run.options.seams != "relax" and parts.job.factor_cache_bytes > 0
+        self._unprepared = {patch.index for patch in parts.patches if can_keep}
 
     def put_curve(self, curve: BoundaryCurve) -> None:
         """Give a patch's boundary curve, where a weld needs it."""

@@ -1,12 +1,13 @@
 """What runs for one patch, on whatever worker: the stages composed; paths and boundary curves in and out.
 
-A task whose record is in the store already was finished by a worker that was lost before it could say so.
+Flattening, welding and solving leave a record in the store: where it is there already, the task was finished by a worker that
+was lost before it could say so.
 """
 
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -28,13 +29,15 @@ from pgcp.topology import examine
 from pgcp.types import BoundaryCurve, ComplexArray, Component, FloatArray, IntArray, Mesh, Patch, Positions
 from pgcp.weld import relax_boundary, run_welds, start_component, subdivide, weld_closed, weld_pair
 
+_RUNS = 100  # that are over, and that tasks may still work for
+
 
 class FactorCache:
     """Factors kept between the passes, bounded in bytes. One per process."""
 
     def __init__(self) -> None:
         self._held: OrderedDict[tuple[str, int], DirichletSolver] = OrderedDict()
-        self._over: set[str] = set()
+        self._over: deque[str] = deque(maxlen=_RUNS)
         self._lock = threading.Lock()
 
     @property
@@ -82,7 +85,7 @@ class FactorCache:
     def drop(self, run: str) -> None:
         """Free all factors of runs whose name begins so, now and of what still works for them."""
         with self._lock:
-            self._over.add(run)
+            self._over.append(run)
             for key in [key for key in self._held if key[0].startswith(run)]:
                 self._held.pop(key).release()
 
@@ -134,7 +137,7 @@ class FaceOrder:
 
 @dataclass(frozen=True, slots=True)
 class SolveReport:
-    """What the second pass says of a patch; its arrays are in the store."""
+    """What the second pass says of a patch; its arrays are in the store. reused_factor: that of the first pass."""
 
     patch: int
     fold_count: int
@@ -238,9 +241,14 @@ def _solver(job: Job, store: PatchStore, patch: Patch) -> DirichletSolver:
     return harmonic_solver(patch.vertices, patch.faces, patch.boundary, job.backend, patch.mollification, order)
 
 
+def _prepared(job: Job, index: int) -> tuple[str, int]:
+    """Key of what has been prepared for a patch: a solver of its own, which is no factor for anything else."""
+    return f"{job.run}-prepared", index
+
+
 def prepare_task(job: Job, index: int) -> bool:
     """Do of the second pass for a stored patch what needs no values, and keep it for that; returns whether it is kept."""
-    store, key = PatchStore(job.directory), (job.run, index)
+    store, key = PatchStore(job.directory), _prepared(job, index)
     return _FACTORS.holds(key) or _FACTORS.put(key, _solver(job, store, store.read_patch(index)), job.factor_cache_bytes)
 
 
@@ -255,7 +263,7 @@ def solve_task(job: Job, name: str, item: tuple[int, Positions]) -> SolveReport:
     if done is not None:
         return done
     patch = store.read_patch(index)
-    solver = _FACTORS.take((job.run, index)) or _solver(job, store, patch)
+    solver = _FACTORS.take(_prepared(job, index)) or _solver(job, store, patch)
     solved = solve_patch(patch, boundary, solver, job.backend)
     solver.release()
     store.write_map(solved, name)

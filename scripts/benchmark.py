@@ -433,7 +433,7 @@ def summary(rows: Sequence[Row]) -> list[list[str]]:
         own = [row for row in good if (row.mesh, row.name) == (mesh, name)]
         yard = [row for row in good if (row.mesh, row.name) == (mesh, "pardiso")]
         wall, cpu = middle(own, lambda r: r.measured.wall_s), middle(own, lambda r: r.measured.cpu_s)
-        memory = max((r.measured.peak_bytes / 1e6 for r in own), default=float("nan"))
+        memory = max((r.measured.peak_bytes / 1e6 for r in own if r.measured.peak_bytes), default=float("nan"))
         head = [mesh, str(vertices), name, str(len(own))]
         table.append([*head, *summary_line(vertices, wall, cpu, memory, yard)])
         if name.startswith("pardiso"):

@@ -58,7 +58,7 @@ PLANNED = 256  # parts of the tree that the package plans
 _PART_VERTICES = 150
 _PANELS = 1200  # panels of the natural boundary, as in pgcp.natural
 _POINTS, _MOST_PARTS = 8000, 8  # points that all seams are subdivided to, as in pgcp.split
-_AHEAD, _SOLVE = 1e6, 2e6  # ranks after all of the first pass
+_LAST = 1e6  # a rank after all others
 _PATCH_BYTES, _MAP_BYTES = 72.0, 48.0  # of a stored patch and its map, per vertex
 
 Sizes = dict[str, Any]
@@ -113,8 +113,8 @@ def evaluate(kind: str, factors: np.ndarray, sizes: Sizes) -> Any:
 class Task:
     """One task: seconds of work, tasks it waits for, and bytes from the store, from the driver and back to the driver.
 
-    Those of less ``rank`` go first. Until a task ``spare_until`` is done this one is for workers that are idle, and not before
-    the driver knows that they are.
+    Those of less ``rank`` go first. One with ``spare_until`` is for workers that are idle, and not before the driver knows that
+    they are, until that task is done; after that it is not begun.
     """
 
     name: Name
@@ -171,7 +171,7 @@ def simulate(jobs: Sequence[Task], workers: int, network: Network | None = None)
     while ready or events:
         while ready and idle:
             spare_until = ready[0][2].spare_until
-            if spare_until is not None and spare_until not in finished and under_way >= workers:
+            if spare_until is not None and (spare_until in finished or under_way >= workers):
                 break
             _, _, job = heapq.heappop(ready)
             idle, under_way = idle - 1, under_way + 1
@@ -192,8 +192,9 @@ def simulate(jobs: Sequence[Task], workers: int, network: Network | None = None)
             missing[follower.name] -= 1
             if not missing[follower.name]:
                 heapq.heappush(ready, (follower.rank, next(order), follower))
-    if len(finished) < len(jobs):
-        raise ValueError(f"{len(jobs) - len(finished)} tasks wait for each other")
+    left = sum(job.name not in finished for job in jobs if job.spare_until is None)
+    if left:
+        raise ValueError(f"{left} tasks wait for each other")
     return finished
 
 
@@ -205,16 +206,25 @@ def passes(
     workers: int,
     network: Network,
 ) -> list[float]:
-    """Seconds of flatten, of the welds that are left after it, and of solve, whose first part idle workers do ahead.
+    """Seconds of flatten, of the welds that are left after it, and of solve, which idle workers prepare meanwhile.
 
-    The last of the welds is that after which patches are solved; tasks of patch k are named k in every list.
+    Tasks of patch k are named k in every list; what has not been prepared when the last weld is done is a part of solve.
     """
-    last = welds[-1].name
-    ahead = [replace(t, name=("prepare", t.name), after=(t.name,), rank=_AHEAD, spare_until=last) for t in prepare]
-    after = [replace(t, name=("solve", t.name), after=(last, ("prepare", t.name)), rank=_SOLVE) for t in solve]
-    done = simulate([*flatten, *welds, *ahead, *after], workers, network)
-    flattened, solved = (max(done[job.name] for job in some) for some in (flatten, after))
-    return [flattened, done[last] - flattened, solved - done[last]]
+    last = welds[-1].name if welds else None
+    spares = [replace(t, name=("prepare", t.name), after=(t.name,), rank=_LAST, spare_until=last) for t in prepare if welds]
+    done = simulate([*flatten, *welds, *spares], workers, network)
+    flattened = max(done[job.name] for job in flatten)
+    welded = max((done[job.name] for job in welds), default=flattened)
+    rest: list[Task] = []
+    for ahead, job in zip(prepare, solve, strict=True):
+        end = done.get(("prepare", ahead.name))
+        if end is None:
+            rest.append(replace(job, seconds=ahead.seconds + job.seconds))
+        elif end <= welded:
+            rest.append(job)
+        else:
+            rest += [Task(("prepare", ahead.name), end - welded, rank=-1.0), replace(job, after=(("prepare", ahead.name),))]
+    return [flattened, welded - flattened, max(simulate(rest, workers, network).values())]
 
 
 def depth_of(leaves: Sequence[int], joins: Iterable[tuple[int, int, int]]) -> dict[int, int]:

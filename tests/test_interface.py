@@ -10,6 +10,7 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 import pgcp
+from pgcp import by_interface
 from pgcp.curves import crosses_itself
 from pgcp.dirichlet import choose_backend, eliminate_interior
 from pgcp.exact import InterfaceFactor
@@ -425,3 +426,18 @@ def test_a_load_is_sent_in_short():
     assert np.array_equal(packed.unpacked(), load)
     odd = np.random.default_rng(0).normal(size=9) + 0j
     assert np.array_equal(pack_load(odd).unpacked(), odd)
+
+
+@pytest.mark.parametrize("mesh", [spheroid(3, 1.5)[0], lifted(grid(20))], ids=["sphere", "open"])
+def test_factors_that_an_exact_map_leaves_behind_are_not_for_the_welded_one(mesh, monkeypatch):
+    def fail(*_):
+        raise pgcp.errors.SolveFailedError("made to fail")
+
+    results = []
+    for where in ("gathered", "_eliminated"):  # after the patches have been extended, and before anything is
+        with monkeypatch.context() as patched:
+            patched.setattr(by_interface, where, fail)
+            results.append(pgcp.parameterize(mesh, patches=4, seams="exact"))
+    after, without = results
+    assert after.report["seams"] == without.report["seams"] == "weld"
+    assert after.coordinates.tobytes() == without.coordinates.tobytes()

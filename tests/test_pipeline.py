@@ -315,6 +315,25 @@ def test_spare_work_ends_where_it_is_not_kept(fails, cluster, tmp_path):
     assert tried.read_text() == "x"
 
 
+def test_no_spare_work_begins_after_a_join_has_failed(cluster, tmp_path):
+    begun = tmp_path / "begun"
+
+    def prepare(_):
+        begun.touch()
+        return True
+
+    address, _ = cluster
+    joining = Joining("join", [Join(0, 1, 2, operator.itemgetter(2)), Join(2, 3, 4, sum)])
+    joining.spares = [Spare(place, prepare, place) for place in range(5, 9)]
+    joining.put(0, 5)
+    joining.put(1, 6)
+    with DaskExecutor("test", scheduler=address) as executor:
+        executor.map("sleep", time.sleep, [1.5], beside=joining)
+        with pytest.raises(IndexError):
+            executor.join(joining)
+    assert not begun.exists()
+
+
 def test_a_single_worker_does_no_spare_work():
     with DaskExecutor("test", 1) as executor:
         assert executor.join(held_join([Spare(7, operator.truth, 1)], lambda: True)) == {2: 11}

@@ -140,14 +140,15 @@ def test_welds_are_replayed_beside_the_patches_that_are_left():
     assert passes(flatten, welds, prepare, solve, 2, Network()) == [8.0, 3.0, 2.5]  # two are prepared during the welds
     none = [Task(k, 0.0) for k in range(4)]
     assert passes(flatten, welds, none, [Task(k, 2.0) for k in range(4)], 2, Network()) == [8.0, 3.0, 4.0]
+    assert passes(flatten, [], prepare, solve, 2, Network(overhead_s=0.5)) == [9.0, 0.0, 5.0]
 
 
 def test_spare_work_begins_when_the_driver_knows_of_an_idle_worker():
     jobs = [Task(0, 1.0), Task(1, 1.0, (0,)), Task(2, 5.0, rank=9.0, spare_until=1)]
-    assert simulate(jobs, 1) == {0: 1.0, 1: 2.0, 2: 7.0}
+    assert simulate(jobs, 1) == {0: 1.0, 1: 2.0}
     assert simulate(jobs, 2) == {0: 1.0, 1: 2.0, 2: 5.0}
     late = Network(latency_s=1.0)
-    assert simulate(jobs, 1, late) == {0: 3.0, 1: 6.0, 2: 13.0}
+    assert simulate(jobs, 1, late) == {0: 3.0, 1: 6.0}
 
 
 def test_transfers_of_one_link_wait_for_each_other():

@@ -88,7 +88,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
 
     A local cluster is started in the background: whatever is called first waits for it. It has a processor a worker: joins
     that leave workers idle, and no spare work, use theirs. ``warm`` is called in each worker before its first task. A task
-    whose worker is lost is run again, as are all when the scheduler comes back after it was lost; where there is no scheduler
+    whose worker is lost is run again, as are all but spare ones when the scheduler comes back after it was lost; where there is no scheduler
     or no worker for ``patience_s`` seconds the run is stopped. A file that one task finds lost is said when the others have
     finished.
     """
@@ -110,6 +110,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         self._workers_here = workers
         self._places: dict[int, str] = {}
         self._known: set[str] = set()
+        self._counted, self._counted_at = 0, -_LOOK_S
         self._active: dict[Any, _Task] = {}
         self._behind: list[_Task] = []  # wait for spare work that is done for them
         self._submitted = 0
@@ -240,12 +241,18 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
 
     def _begin_spares(self, joining: Joining | None) -> None:
         """Give idle workers something to do as long as others join, or are going to."""
-        if joining is None or not joining.spares or not (joining.waiting or self._are_joining(joining)):
+        if joining is None or joining.problem is not None or not (joining.waiting or self._are_joining(joining)):
             return
-        for _ in range((self._workers_here or len(self._workers())) - len(self._active)):
-            if joining.spares:
-                place, function, item = joining.spares.pop()
-                self._submit(_Task("prepare", place, place, function, item, joining, keeps=True, is_spare=True))
+        joining.spares = [spare for spare in joining.spares if spare.place not in self._places]
+        while joining.spares and self._worker_count() > len(self._active):
+            place, function, item = joining.spares.pop()
+            self._submit(_Task("prepare", place, place, function, item, joining, keeps=True, is_spare=True))
+
+    def _worker_count(self) -> int:
+        """Workers there are, or were a moment ago."""
+        if not self._workers_here and time.monotonic() > self._counted_at + _LOOK_S:
+            self._counted, self._counted_at = len(self._workers()), time.monotonic()
+        return self._workers_here or self._counted
 
     def _end_spare(self, task: _Task, is_kept: bool) -> None:
         """Begin what has waited for it."""
@@ -316,8 +323,10 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
                 continue
             future.release()  # now, whoever else still refers to it: what is wanted no more is not done again for a lost worker
             self._known.add(address)
-            if task.keeps:
+            if task.keeps and (result or not task.is_spare):
                 self._places[task.place] = address
+            elif task.joining is None:
+                self._places.pop(task.place, None)  # what was kept has been used
             count(self.taken, task.stage, seconds)
             if task.is_spare:
                 self._end_spare(task, result)

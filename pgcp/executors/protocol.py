@@ -32,7 +32,7 @@ class Joining:
     """Joins along a tree, each to be done as soon as what it needs is there.
 
     ``put`` gives what they begin with, under names; ``values`` are those nothing has been made of yet, ``waiting`` the joins
-    that have not begun. After a problem no more are begun. ``done`` more joins count as finished in what progress says.
+    that have not begun. After a problem nothing more is begun. ``done`` more joins count as finished in what progress says.
     ``spares`` are for workers that are idle before all is joined, the next one last, until one is not kept.
     """
 
@@ -90,7 +90,8 @@ class Executor(Protocol):
         """Apply function to every item. Items prefer the worker that keeps something for the same place (by default, position).
 
         With ``keeps`` workers keep something of these items. ``done`` more items count as finished in what progress says.
-        ``each`` is called with every result as it comes in. Joins ``beside`` may be begun meanwhile; ``join`` waits for them.
+        ``each`` is called with every result as it comes in. Joins ``beside`` may be begun meanwhile, and spare work of theirs;
+        ``join`` waits for them.
         """
         ...
 
