@@ -88,9 +88,9 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
 
     A local cluster is started in the background: whatever is called first waits for it. It has a processor a worker: joins
     that leave workers idle, and no spare work, use theirs. ``warm`` is called in each worker before its first task. A task
-    whose worker is lost is run again, as are all but spare ones when the scheduler comes back after it was lost; where there is no scheduler
-    or no worker for ``patience_s`` seconds the run is stopped. A file that one task finds lost is said when the others have
-    finished.
+    whose worker is lost is run again, as are all but spare ones when the scheduler comes back after it was lost; where there
+    is no scheduler or no worker for ``patience_s`` seconds the run is stopped. A file that one task finds lost is said when the
+    others have finished.
     """
 
     patience_s = 30.0
