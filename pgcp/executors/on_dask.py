@@ -323,7 +323,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
                 continue
             future.release()  # now, whoever else still refers to it: what is wanted no more is not done again for a lost worker
             self._known.add(address)
-            if task.keeps and (result or not task.is_spare):
+            if task.keeps and (not task.is_spare or result):
                 self._places[task.place] = address
             elif task.joining is None:
                 self._places.pop(task.place, None)  # what was kept has been used
