@@ -3,8 +3,8 @@
 
 usage: speedup.py [--patches 2..6] [--workers 1..2] [--repeat 1] [--target auto] [--started] [--output-dir DIR] MESH
 Numbers are lists and ranges, such as 2..6 or 2,4,8..10. Every run is a pgcp-run in processes of its own, after one on its demo
-that is not counted; of --repeat runs the median is taken. With --started, runs are those of this process on workers that have
-been started, and have mapped the mesh once, before: what is left is the computation.
+that is not counted; all are repeated --repeat times, in turns, and medians taken. With --started, runs are those of this
+process on workers that have been started, and have mapped the mesh once, before: what is left is the computation.
 
 Columns, for each number of workers w:
 n          number of subdomains
@@ -116,16 +116,20 @@ def run_of(patches: int, workers: int, found: Sequence[tuple[dict[str, Any], flo
     return Run(patches, workers, vertices, median(f[1] for f in found), middle, max(f[2] for f in found))
 
 
-def measure(mesh: Path, patches: int, workers: int, target: str, repeat: int) -> Run:
-    """Run pgcp-run so often and take medians. Raises SystemExit where one ends without a map."""
-    found = []
+def measure(mesh: Path, patches: Sequence[int], workers: Sequence[int], target: str, repeat: int) -> list[Run]:
+    """Run pgcp-run so often on every number of patches and workers, in turns, and take medians.
+
+    Raises SystemExit where one ends without a map.
+    """
+    found: dict[tuple[int, int], list[tuple[dict[str, Any], float, int]]] = {(n, w): [] for n in patches for w in workers}
     for number in range(repeat):
-        options = {"patches": patches, "workers": workers, "target": target}
-        measured, report, seconds = run_pgcp(mesh, options, looks_at_memory=number == 0)
-        if report is None:
-            raise SystemExit(f"{mesh}: {patches} patches on {workers} workers: {measured.errors.strip()}")
-        found.append((report, seconds, measured.peak_bytes))
-    return run_of(patches, workers, found)
+        for (n, w), runs in found.items():
+            options = {"patches": n, "workers": w, "target": target}
+            measured, report, seconds = run_pgcp(mesh, options, looks_at_memory=number == 0)
+            if report is None:
+                raise SystemExit(f"{mesh}: {n} patches on {w} workers: {measured.errors.strip()}")
+            runs.append((report, seconds, measured.peak_bytes))
+    return [run_of(n, w, runs) for (n, w), runs in found.items()]
 
 
 def measure_started(path: Path, patches: Sequence[int], workers: int, target: str, repeat: int) -> list[Run]:
@@ -173,7 +177,7 @@ def main() -> None:
         runs = [run for w in arguments.workers for run in measure_started(mesh, arguments.patches, w, target, repeat)]
     else:
         warm_up({"workers": max(arguments.workers)})
-        runs = [measure(mesh, n, w, target, repeat) for n in arguments.patches for w in arguments.workers]
+        runs = measure(mesh, arguments.patches, arguments.workers, target, repeat)
     rows = table(runs)
     print(f"{arguments.mesh.stem}, {runs[0].vertices} vertices, medians of {arguments.repeat}")
     print(aligned(rows))
