@@ -16,8 +16,9 @@ pgcp-run on its demo that is not counted.
 Measured are wall seconds; CPU seconds of all processes together; their peak memory together, looked at every 50 ms:
 proportional set sizes (PSS), taken whenever resident sizes have grown by 2 %, or resident sizes where there are no others;
 in the first of repeated runs only, since looking takes some time of those who are looked at.
-Prints medians, also per million vertices, and the ratio of wall seconds to the yardstick's solve alone (analysis,
-factorization, solve) and to its whole process. Writes benchmark.tsv, a row per run with its stages, and benchmark.png.
+Prints medians, of memory the most, also per million vertices, and the ratio of wall seconds to the yardstick's solve alone
+(analysis, factorization, solve) and to its whole process. Writes benchmark.tsv, a row per run with its stages, and
+benchmark.png.
 """
 
 from __future__ import annotations
@@ -78,7 +79,7 @@ class Measured:
 
 
 class Watch:
-    """Memory and CPU seconds of a process and all its children, as far as they have been seen; memory on request only."""
+    """Memory and CPU seconds of a process and all its children, as far as seen; what all hold together on request only."""
 
     def __init__(self, pid: int, looks_at_memory: bool) -> None:
         self._looks_at_memory = looks_at_memory

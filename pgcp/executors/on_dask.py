@@ -283,7 +283,7 @@ class DaskExecutor(AbstractContextManager["DaskExecutor"]):
         if self._client.status != "running":
             self._await_cluster(task.stage, None)
         place = self._places.get(task.place)
-        here = place is not None and not task.is_spare
+        here = place is not None
         task.tries += 1
         self._submitted += 1
         future = self._client.submit(
