@@ -3,7 +3,7 @@
 Every node of the dissection has a front, a dense symmetric matrix on the vertices eliminated there and on the later ones
 its faces touch: the sum of its faces' element matrices or of its children's Schur complements (Duff, Reid 1983). It is
 eliminated in place; what is left goes up. What the root leaves is the Dirichlet-to-Neumann operator on the kept
-vertices. Small fronts are eliminated by compiled loops, large ones by SciPy's BLAS and LAPACK.
+vertices.
 """
 
 from __future__ import annotations
@@ -12,100 +12,36 @@ from collections.abc import Callable
 
 import numba
 import numpy as np
-from llvmlite import binding
-from numba import types
-from numba.extending import get_cython_function_address
 
 from pgcp.dissection import dissect
 from pgcp.errors import SolveFailedError
+from pgcp.fronts import add_update, clear, eliminate, padded, store_update
 from pgcp.operators import corner_weights
 from pgcp.types import ComplexArray, FloatArray, IntArray
-
-_SMALL_FRONT = 32
-_FEW_COLUMNS = 8
-
-# names of their own, so that compiled code that uses them can be kept between runs
-for _module, _name in (("lapack", "dpotrf"), ("blas", "dtrsm"), ("blas", "dsyrk")):
-    binding.add_symbol(f"pgcp_{_name}", get_cython_function_address(f"scipy.linalg.cython_{_module}", _name))
-_DOUBLES, _INTS, _CHARS = types.CPointer(types.float64), types.CPointer(types.intc), types.CPointer(types.uint8)
-_potrf = types.ExternalFunction("pgcp_dpotrf", types.void(_CHARS, _INTS, _DOUBLES, _INTS, _INTS))
-_trsm = types.ExternalFunction(
-    "pgcp_dtrsm",
-    types.void(_CHARS, _CHARS, _CHARS, _CHARS, _INTS, _INTS, _DOUBLES, _DOUBLES, _INTS, _DOUBLES, _INTS),
-)
-_syrk = types.ExternalFunction(
-    "pgcp_dsyrk", types.void(_CHARS, _CHARS, _INTS, _INTS, _DOUBLES, _DOUBLES, _INTS, _DOUBLES, _DOUBLES, _INTS)
-)
-
-
-@numba.njit(cache=True, nogil=True)
-def _eliminate_large(front: FloatArray, own: int, width: int) -> bool:
-    """Eliminate the first ``own`` of ``width`` rows of a front by BLAS; False where a pivot is not positive.
-
-    The front's upper triangle by rows is, to Fortran, its lower triangle by columns.
-    """
-    lower, right = np.array([ord("L")], np.uint8), np.array([ord("R")], np.uint8)
-    transposed, plain = np.array([ord("T")], np.uint8), np.array([ord("N")], np.uint8)
-    columns, stride = np.array([own], np.intc), np.array([width], np.intc)
-    rest, info = np.array([width - own], np.intc), np.zeros(1, np.intc)
-    one, minus_one = np.ones(1), -np.ones(1)
-    _potrf(lower.ctypes, columns.ctypes, front.ctypes, stride.ctypes, info.ctypes)
-    if info[0] != 0:
-        return False
-    if width > own:
-        below, corner = front[own:], front[own * width + own :]
-        _trsm(
-            right.ctypes, lower.ctypes, transposed.ctypes, plain.ctypes, rest.ctypes, columns.ctypes, one.ctypes,
-            front.ctypes, stride.ctypes, below.ctypes, stride.ctypes,
-        )  # fmt: skip
-        _syrk(
-            lower.ctypes, plain.ctypes, rest.ctypes, columns.ctypes, minus_one.ctypes, below.ctypes, stride.ctypes,
-            one.ctypes, corner.ctypes, stride.ctypes,
-        )  # fmt: skip
-    return True
-
-
-@numba.njit(cache=True, nogil=True)
-def _eliminate_small(front: FloatArray, own: int, width: int) -> bool:
-    """The same by loops: row t of U, then the rows below it."""
-    rows = front[: width * width].reshape(width, width)
-    for t in range(own):
-        pivot = rows[t, t]
-        if not pivot > 0.0:
-            return False
-        root = np.sqrt(pivot)
-        rows[t, t] = root
-        inverse = 1.0 / root
-        for b in range(t + 1, width):
-            rows[t, b] *= inverse
-        for a in range(t + 1, width):
-            factor = rows[t, a]
-            for b in range(a, width):
-                rows[a, b] -= factor * rows[t, b]
-    return True
 
 
 @numba.njit(cache=True, nogil=True)
 def _factor(
     faces: IntArray, weights: FloatArray, order: IntArray, depth: int, children: IntArray, leaf: IntArray,
     first: IntArray, position: IntArray, starts: IntArray, others: IntArray,
-    count_in: int, factor: FloatArray, stack: FloatArray, front: FloatArray,
-) -> int:  # fmt: skip
-    """All fronts from the leaves up: rows of U into factor, unless that is empty, and update matrices onto the stack.
+    count_in: int, factor: FloatArray, stack: FloatArray, fronts: FloatArray,
+) -> bool:  # fmt: skip
+    """All fronts from the leaves up: rows of U into factor, unless that is empty; the root's Schur complement onto the stack.
 
-    Positions from count_in on are in no front. Returns the size of the stack, which then holds the root's Schur complement
-    (upper triangle), or -1 where a pivot is not positive.
+    Positions from count_in on are in no front. Of a node's children the right one is eliminated just before it, and is added
+    from its own front (of two, fronts (2, n)); the left one's update waits on the stack. False where a pivot is not positive.
     """
     n = faces.shape[0]
     place = np.zeros(position.shape[0], np.int32)
     into = np.empty(position.shape[0], np.int32)
-    top, done = 0, 0
+    top, done, which = 0, 0, 0
     for k in range(children.shape[0]):
         begin, end, start = first[k], first[k + 1], starts[k]
         own, rest = end - begin, starts[k + 1] - start
         width = own + rest
-        rows = front[: width * width].reshape(width, width)
-        rows[:, :] = 0.0
+        stride = padded(width)
+        front = fronts[which]
+        clear(front, width)
         if leaf[k] >= 0:
             for t in range(own):
                 place[begin + t] = t
@@ -116,44 +52,43 @@ def _factor(
                 for i in range(3):
                     p1, p2 = position[faces[f, (i + 1) % 3]], position[faces[f, (i + 2) % 3]]
                     if p1 < count_in:
-                        rows[place[p1], place[p1]] += weights[f, i]
+                        front[place[p1] * (stride + 1)] += weights[f, i]
                     if p2 < count_in:
-                        rows[place[p2], place[p2]] += weights[f, i]
+                        front[place[p2] * (stride + 1)] += weights[f, i]
                     if p1 < count_in and p2 < count_in:
                         a, b = place[p1], place[p2]
-                        rows[min(a, b), max(a, b)] -= weights[f, i]
+                        front[min(a, b) * stride + max(a, b)] -= weights[f, i]
         else:
             for side in (1, 0):
                 child = children[k, side]
                 size = starts[child + 1] - starts[child]
-                top -= size * size
-                update = stack[top : top + size * size].reshape(size, size)
                 q = 0
                 for t in range(size):
-                    which = others[starts[child] + t]
-                    if which < end:
-                        into[t] = which - begin
+                    later = others[starts[child] + t]
+                    if later < end:
+                        into[t] = later - begin
                     else:
-                        while others[start + q] < which:
+                        while others[start + q] < later:
                             q += 1
                         into[t] = own + q
-                for a in range(size):
-                    row = into[a]
-                    for b in range(a, size):
-                        rows[row, into[b]] += update[a, b]
-        small = width <= _SMALL_FRONT or own < _FEW_COLUMNS
-        if not (_eliminate_small(front, own, width) if small else _eliminate_large(front, own, width)):
-            return -1
+                if side == 1:
+                    gone = first[child + 1] - first[child]
+                    step = padded(gone + size) + 1
+                    add_update(front, width, into[:size], fronts[1 - which], gone * step, step, 0)
+                else:
+                    top -= size * (size + 1) // 2
+                    add_update(front, width, into[:size], stack, top, size, 1)
+        if not eliminate(front, own, width):
+            return False
         if factor.shape[0] > 0:
             for t in range(own):
-                factor[done : done + width - t] = rows[t, t:]
+                factor[done : done + width - t] = front[t * stride + t : t * stride + width]
                 done += width - t
-        update = stack[top : top + rest * rest].reshape(rest, rest)
-        for a in range(rest):
-            for b in range(a, rest):
-                update[a, b] = rows[own + a, own + b]
-        top += rest * rest
-    return top
+        if k + 1 < children.shape[0] and children[k + 1, 1] == k:
+            which = 1 - which
+        else:
+            top = store_update(front, own, width, stack, top)
+    return True
 
 
 @numba.njit(cache=True, nogil=True)
@@ -195,13 +130,15 @@ def _backward(factor: FloatArray, first: IntArray, starts: IntArray, others: Int
 
 
 @numba.njit(cache=True, nogil=True)
-def _mirrored(upper: FloatArray) -> FloatArray:
-    """The symmetric matrix with this upper triangle."""
-    out = np.empty_like(upper)
-    for a in range(upper.shape[0]):
-        for b in range(a, upper.shape[0]):
-            out[a, b] = upper[a, b]
-            out[b, a] = upper[a, b]
+def _mirrored(upper: FloatArray, n: int) -> FloatArray:
+    """The symmetric matrix (n, n) with this upper triangle, by rows without gaps."""
+    out = np.empty((n, n))
+    at = 0
+    for a in range(n):
+        for b in range(a, n):
+            out[a, b] = upper[at]
+            out[b, a] = upper[at]
+            at += 1
     return out
 
 
@@ -243,12 +180,12 @@ class _Elimination:
             raise SolveFailedError("the Laplacian has entries that are not finite: a face has zero area")
         self.is_kept = keeps is None or keeps(8 * tree.factor_size)
         self.factor = np.empty(tree.factor_size if self.is_kept else 0)
-        self.stack = np.empty(max(1, tree.stack_size))
+        self.stack = np.empty(tree.stack_size)
         self.first, self.starts, self.others, self.position = tree.first, tree.starts, tree.others, tree.position
         plan = tree.order, tree.depth, tree.children, tree.leaf, tree.first, tree.position, tree.starts, tree.others
         count_in = int(tree.first[-1]) if without_kept else len(vertices)
-        front = np.empty(max(1, tree.widest**2))
-        if _factor(self.faces, self.weights, *plan, count_in, self.factor, self.stack, front) < 0:
+        fronts = np.empty((2, tree.widest * padded(tree.widest)))
+        if not _factor(self.faces, self.weights, *plan, count_in, self.factor, self.stack, fronts):
             raise SolveFailedError(
                 f"the elimination of a Laplacian of {len(vertices)} vertices met a pivot that is not positive"
             )
@@ -311,7 +248,7 @@ class NestedFactor:
         self.is_whole = e.is_kept
         self._factor, self._first, self._starts, self._others = e.factor, e.first, e.starts, e.others
         self._position, self._kept = e.position, np.array(kept)
-        self.schur: FloatArray = _mirrored(e.stack[: count * count].reshape(count, count))
+        self.schur: FloatArray = _mirrored(e.stack, count)
         held = (self._factor, self.schur, self._first, self._starts, self._others, self._position)
         self.nbytes = sum(array.nbytes for array in held)
 

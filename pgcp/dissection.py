@@ -15,7 +15,7 @@ import numpy as np
 
 from pgcp.types import FloatArray, IntArray
 
-_LEAF_FACES = 24
+_LEAF_FACES = 64
 _SAMPLE = 100  # faces by which a long axis is found
 _POWER_STEPS = 12
 _CUT_SAMPLE = 500  # and a short cut
@@ -35,7 +35,8 @@ class EliminationTree(NamedTuple):
     order (F,): faces, leaf by leaf; depth of the tree; children (N, 2) of each node, -1 at leaves; leaf (N,) number of a
     leaf, -1 elsewhere; first (N + 1,): node k eliminates positions first[k] to first[k + 1]; position (n,) of each vertex;
     starts (N + 1,) into others: the sorted later positions that each node's faces touch; sizes of the factor, of the
-    largest stack of update matrices, and of the largest front, in numbers and rows.
+    largest stack of left children's update matrices and the root's, upper triangles, and of the largest front, in numbers and
+    rows.
     """
 
     order: IntArray
@@ -313,15 +314,17 @@ def _later_positions(
 
 @numba.njit(cache=True)
 def _sizes(children: IntArray, first: IntArray, starts: IntArray) -> tuple[int, int, int]:
-    """Numbers in the factor and in the largest stack of update matrices, and rows of the largest front."""
+    """Numbers in the factor and in the largest stack of left children's updates, and rows of the largest front."""
     factor, stack, most, widest = 0, 0, 0, 0
     for k in range(children.shape[0]):
         own, rest = first[k + 1] - first[k], starts[k + 1] - starts[k]
         factor += own * (own + 1) // 2 + own * rest
-        if children[k, 0] >= 0:
-            for child in children[k]:
-                stack -= (starts[child + 1] - starts[child]) ** 2
-        stack += rest * rest
+        left = children[k, 0]
+        if left >= 0:
+            size = starts[left + 1] - starts[left]
+            stack -= size * (size + 1) // 2
+        if k + 1 == children.shape[0] or children[k + 1, 1] != k:
+            stack += rest * (rest + 1) // 2
         most, widest = max(most, stack), max(widest, own + rest)
     return factor, most, widest
 

@@ -15,6 +15,7 @@ LAYERS = [
         "topology",
         "operators",
         "dissection",
+        "fronts",
         "dirichlet_nested",
         "dirichlet_superlu",
         "dirichlet_pardiso",

@@ -99,7 +99,7 @@ def test_where_no_pivot_is_left_another_backend_takes_over(monkeypatch):
     assert isinstance(good, NestedFactor)
     from pgcp import dirichlet, dirichlet_nested
 
-    monkeypatch.setattr(dirichlet_nested, "_factor", lambda *_: -1)
+    monkeypatch.setattr(dirichlet_nested, "_factor", lambda *_: False)
     with pytest.raises(SolveFailedError, match="pivot that is not positive"):
         NestedFactor(mesh.vertices, mesh.faces, kept)
     monkeypatch.setattr(dirichlet, "available_backends", lambda: ("superlu",))
