@@ -99,6 +99,9 @@ def _forward(factor: FloatArray, first: IntArray, starts: IntArray, others: IntA
         begin, end, start, stop = first[k], first[k + 1], starts[k], starts[k + 1]
         for t in range(begin, end):
             re, im = x[t, 0] / factor[row], x[t, 1] / factor[row]
+            if re == 0.0 and im == 0.0:  # as far from all that is given
+                row += end - t + stop - start
+                continue
             x[t, 0], x[t, 1] = re, im
             for b in range(t + 1, end):
                 x[b, 0] -= factor[row + b - t] * re

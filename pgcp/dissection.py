@@ -19,7 +19,7 @@ _LEAF_FACES = 64
 _SAMPLE = 100  # faces by which a long axis is found
 _POWER_STEPS = 12
 _CUT_SAMPLE = 500  # and a short cut
-_CUT_LEVELS = 8  # which most of the arithmetic is on
+_CUT_LEVELS = 7  # which most of the arithmetic is on
 _CUT_BAND = 0.15  # faces near a cut, in standard deviations
 _SLANT = np.sqrt(0.5)
 # directions of cuts along the principal axes, the longest first
