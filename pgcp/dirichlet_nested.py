@@ -93,43 +93,50 @@ def _factor(
 
 @numba.njit(cache=True, nogil=True)
 def _forward(factor: FloatArray, first: IntArray, starts: IntArray, others: IntArray, x: FloatArray) -> None:
-    """Solve U^T y = x in place for the eliminated positions, x (n, 2); kept positions get what is left of the load there."""
+    """Solve U^T y = x in place for the eliminated positions, x (2, n); kept positions get what is left of the load there."""
     row = 0
     for k in range(starts.shape[0] - 1):
         begin, end, start, stop = first[k], first[k + 1], starts[k], starts[k + 1]
-        for t in range(begin, end):
-            re, im = x[t, 0] / factor[row], x[t, 1] / factor[row]
-            if re == 0.0 and im == 0.0:  # as far from all that is given
-                row += end - t + stop - start
-                continue
-            x[t, 0], x[t, 1] = re, im
-            for b in range(t + 1, end):
-                x[b, 0] -= factor[row + b - t] * re
-                x[b, 1] -= factor[row + b - t] * im
-            for b in range(start, stop):
-                u = factor[row + end - t + b - start]
-                x[others[b], 0] -= u * re
-                x[others[b], 1] -= u * im
-            row += end - t + stop - start
+        own, rest = end - begin, stop - start
+        later = np.zeros((2, rest))
+        for t in range(own):
+            re, im = x[0, begin + t] / factor[row], x[1, begin + t] / factor[row]
+            if re != 0.0 or im != 0.0:  # as near what is given
+                x[0, begin + t], x[1, begin + t] = re, im
+                u = factor[row : row + own - t]
+                for b in range(1, own - t):
+                    x[0, begin + t + b] -= u[b] * re
+                    x[1, begin + t + b] -= u[b] * im
+                u = factor[row + own - t : row + own - t + rest]
+                for b in range(rest):
+                    later[0, b] += u[b] * re
+                    later[1, b] += u[b] * im
+            row += own - t + rest
+        for b in range(rest):
+            x[0, others[start + b]] -= later[0, b]
+            x[1, others[start + b]] -= later[1, b]
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
 def _backward(factor: FloatArray, first: IntArray, starts: IntArray, others: IntArray, x: FloatArray) -> None:
-    """Solve U u = x in place for the eliminated positions, x (n, 2), kept positions given."""
+    """Solve U u = x in place for the eliminated positions, x (2, n), kept positions given."""
     row = factor.shape[0]
     for k in range(starts.shape[0] - 2, -1, -1):
         begin, end, start, stop = first[k], first[k + 1], starts[k], starts[k + 1]
-        for t in range(end - 1, begin - 1, -1):
-            row -= end - t + stop - start
-            re, im = x[t, 0], x[t, 1]
-            for b in range(t + 1, end):
-                re -= factor[row + b - t] * x[b, 0]
-                im -= factor[row + b - t] * x[b, 1]
-            for b in range(start, stop):
-                u = factor[row + end - t + b - start]
-                re -= u * x[others[b], 0]
-                im -= u * x[others[b], 1]
-            x[t, 0], x[t, 1] = re / factor[row], im / factor[row]
+        own, width = end - begin, end - begin + stop - start
+        real, imaginary = np.empty(width), np.empty(width)
+        for b in range(own, width):
+            real[b], imaginary[b] = x[0, others[start + b - own]], x[1, others[start + b - own]]
+        for t in range(own - 1, -1, -1):
+            row -= width - t
+            u = factor[row : row + width - t]
+            later_real, later_imaginary = real[t:], imaginary[t:]
+            re, im = 0.0, 0.0
+            for b in range(1, width - t):
+                re += u[b] * later_real[b]
+                im += u[b] * later_imaginary[b]
+            real[t], imaginary[t] = (x[0, begin + t] - re) / u[0], (x[1, begin + t] - im) / u[0]
+            x[0, begin + t], x[1, begin + t] = real[t], imaginary[t]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -147,16 +154,27 @@ def _mirrored(upper: FloatArray, n: int) -> FloatArray:
 
 @numba.njit(cache=True, nogil=True)
 def _load_of(faces: IntArray, weights: FloatArray, position: IntArray, values: FloatArray, inner: int) -> FloatArray:
-    """-L_IB u_B (n_I, 2) by position, from values (n_B, 2) at kept positions, which begin at ``inner``."""
-    out = np.zeros((inner, 2))
+    """-L_IB u_B (2, n_I) by position, from values (2, n_B) at kept positions, which begin at ``inner``."""
+    out = np.zeros((2, inner))
     for f in range(faces.shape[0]):
         for i in range(3):
             p, q = position[faces[f, (i + 1) % 3]], position[faces[f, (i + 2) % 3]]
             if p > q:
                 p, q = q, p
             if p < inner <= q:
-                out[p, 0] += weights[f, i] * values[q - inner, 0]
-                out[p, 1] += weights[f, i] * values[q - inner, 1]
+                out[0, p] += weights[f, i] * values[0, q - inner]
+                out[1, p] += weights[f, i] * values[1, q - inner]
+    return out
+
+
+def _apart(values: ComplexArray) -> FloatArray:
+    """Real and imaginary parts (2, n)."""
+    return np.stack([values.real, values.imag])
+
+
+def _together(parts: FloatArray) -> ComplexArray:
+    """The complex numbers (n,) of parts (2, n)."""
+    out: ComplexArray = np.ascontiguousarray(parts.T).view(np.complex128)[:, 0]
     return out
 
 
@@ -216,11 +234,10 @@ class NestedSolver:
     def extend(self, boundary_values: ComplexArray) -> ComplexArray:
         """Discrete harmonic extension; see DirichletFactor."""
         e = self._elimination
-        values = np.ascontiguousarray(boundary_values, np.complex128).view(np.float64).reshape(-1, 2)
-        x = _load_of(e.faces, e.weights, e.position, values, int(e.first[-1]))
+        x = _load_of(e.faces, e.weights, e.position, _apart(boundary_values), int(e.first[-1]))
         _forward(e.factor, e.first, e.starts, e.others, x)
         _backward(e.factor, e.first, e.starts, e.others, x)
-        solved = np.concatenate([x.view(np.complex128)[:, 0], boundary_values])
+        solved = np.concatenate([_together(x), boundary_values])
         out: ComplexArray = solved[e.position]
         return out
 
@@ -257,7 +274,7 @@ class NestedFactor:
 
     def extend(self, boundary_values: ComplexArray) -> ComplexArray:
         """Discrete harmonic extension; see DirichletFactor."""
-        return self._solved(np.zeros((len(self._position), 2)), boundary_values)
+        return self._solved(np.zeros((2, len(self._position))), boundary_values)
 
     def solve(self, load: ComplexArray, boundary_values: ComplexArray) -> ComplexArray:
         """Interior values under a load; see DirichletFactor."""
@@ -265,20 +282,18 @@ class NestedFactor:
 
     def reduce(self, load: ComplexArray) -> ComplexArray:
         """Load on the boundary in place of a load on the whole; see DirichletFactor."""
-        left = self._reduced(load)[self._first[-1] :]
-        out: ComplexArray = left[:, 0] + 1j * left[:, 1]
-        return out
+        return _together(self._reduced(load)[:, self._first[-1] :])
 
     def _reduced(self, load: ComplexArray) -> FloatArray:
-        x = np.empty((len(load), 2))
-        x[self._position, 0], x[self._position, 1] = load.real, load.imag
+        x = np.empty((2, len(load)))
+        x[:, self._position] = _apart(load)
         _forward(self._factor, self._first, self._starts, self._others, x)
         return x
 
     def _solved(self, x: FloatArray, boundary_values: ComplexArray) -> ComplexArray:
-        x[self._first[-1] :, 0], x[self._first[-1] :, 1] = boundary_values.real, boundary_values.imag
+        x[:, self._first[-1] :] = _apart(boundary_values)
         _backward(self._factor, self._first, self._starts, self._others, x)
-        out: ComplexArray = x.view(np.complex128)[:, 0][self._position]
+        out: ComplexArray = _together(x)[self._position]
         out[self._kept] = boundary_values
         return out
 
