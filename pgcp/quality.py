@@ -10,10 +10,13 @@ from pgcp.beltrami import covering_degree, find_folds
 from pgcp.distortion import angle_error_slice, log_area_ratios
 from pgcp.operators import face_areas
 from pgcp.parallel import in_slices
-from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Quality
+from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, Quality
 
 _BINS = 1 << 14
 _MOST_DEG = 180.0
+_QUANTILES = (0.5, 0.99)
+_SAMPLE = 1 << 16  # faces by which it is foreseen where the quantiles lie
+_SURE = 6.0  # standard deviations of a quantile of such a sample
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,12 +24,16 @@ class _Part:
     """What one slice of the faces adds to a map's quality."""
 
     corners: int
-    angle_sum: float
+    angle_mean: float
+    angle_squares: float  # about that mean
     angle_max: float
     histogram: IntArray
+    some: FloatArray  # errors in the bins foreseen
     mu_sum: float
     mu_max: float
-    areas: tuple[float, float]
+    log_sum: float
+    log_max: float
+    without_log: int  # solid faces whose image has no area
     folds: int
 
 
@@ -48,41 +55,59 @@ class _Measured:
         faces = self._mesh.faces[begin:end]
         return face_areas(self._mesh.vertices, faces), face_areas(self._solid_image, faces)
 
-    def _errors(self, begin: int, end: int, solid: np.ndarray) -> FloatArray:
-        errors = angle_error_slice(self._mesh.vertices, self._coordinates, self._mesh.faces, begin, end)
-        return errors if solid.all() else errors[solid]
+    def totals(self, begin: int, end: int) -> tuple[float, float]:
+        """Area of some faces on the surface and in the image."""
+        surface, image = self._areas(begin, end)
+        return float(surface.sum()), float(image.sum())
 
-    def first(self, begin: int, end: int) -> _Part:
+    def likely(self) -> BoolArray:
+        """Bins (_BINS,) in which the quantiles most likely lie, by an even sample of the faces."""
+        faces = np.ascontiguousarray(self._mesh.faces[:: max(1, len(self._mesh.faces) // _SAMPLE)])
+        errors = np.sort(angle_error_slice(self._mesh.vertices, self._coordinates, faces, 0, len(faces)), axis=None)
+        out = np.zeros(_BINS, bool)
+        for quantile in _QUANTILES:
+            reach = _SURE * np.sqrt(quantile * (1.0 - quantile) / len(faces))
+            ends = np.clip(np.array([quantile - reach, quantile + reach]) * len(errors), 0, len(errors) - 1).astype(np.int64)
+            low, high = _bins(errors[ends])
+            out[low : high + 1] = True
+        return out
+
+    def errors(self, begin: int, end: int, solid: BoolArray | None = None) -> FloatArray:
+        """Angle errors of all corners of solid faces."""
+        errors = angle_error_slice(self._mesh.vertices, self._coordinates, self._mesh.faces, begin, end)
+        if solid is None:
+            solid = face_areas(self._mesh.vertices, self._mesh.faces[begin:end]) > 0.0
+        return (errors if solid.all() else errors[solid]).reshape(-1)
+
+    def errors_in(self, begin: int, end: int, wanted: BoolArray) -> FloatArray:
+        """Those in the wanted bins."""
+        errors = self.errors(begin, end)
+        return errors[wanted[_bins(errors)]]
+
+    def part(self, begin: int, end: int, totals: tuple[float, float], likely: BoolArray) -> _Part:
         """Sums, extremes and a histogram of the angle errors."""
         surface, image = self._areas(begin, end)
         solid = surface > 0.0
-        errors = self._errors(begin, end, solid).reshape(-1)
+        errors = self.errors(begin, end, solid)
+        mean = float(errors.mean()) if len(errors) else 0.0
+        bins = _bins(errors)
         size = np.abs(self._mu[begin:end][solid])
-        return _Part(
-            corners=len(errors),
-            angle_sum=float(errors.sum()),
-            angle_max=float(errors.max(initial=0.0)),
-            histogram=np.bincount(_bins(errors), minlength=_BINS),
-            mu_sum=float(size.sum()),
-            mu_max=float(size.max(initial=0.0)),
-            areas=(float(surface.sum()), float(image.sum())),
-            folds=len(find_folds(self._mesh.faces[begin:end], self._points)),
-        )
-
-    def second(self, begin: int, end: int, mean: float, wanted: IntArray, totals: tuple[float, float]) -> tuple[float, ...]:
-        """Squares about the mean, errors in the wanted bins, and the sum, number and largest of log area ratios.
-
-        The last two are the number of solid faces without a finite ratio, and the errors.
-        """
-        surface, image = self._areas(begin, end)
-        solid = surface > 0.0
-        errors = self._errors(begin, end, solid).reshape(-1)
         ratio = np.abs(log_area_ratios(surface, image, totals))
         finite = np.isfinite(ratio)
-        squares = float(((errors - mean) ** 2).sum())
-        some = errors[np.isin(_bins(errors), wanted)]
-        largest = float(ratio[finite].max(initial=0.0))
-        return squares, float(ratio[finite & solid].sum()), largest, int((solid & ~finite).sum()), some  # type: ignore[return-value]
+        return _Part(
+            corners=len(errors),
+            angle_mean=mean,
+            angle_squares=float(((errors - mean) ** 2).sum()),
+            angle_max=float(errors.max(initial=0.0)),
+            histogram=np.bincount(bins, minlength=_BINS),
+            some=errors[likely[bins]],
+            mu_sum=float(size.sum()),
+            mu_max=float(size.max(initial=0.0)),
+            log_sum=float(ratio[finite & solid].sum()),
+            log_max=float(ratio[finite].max(initial=0.0)),
+            without_log=int((solid & ~finite).sum()),
+            folds=len(find_folds(self._mesh.faces[begin:end], self._points)),
+        )
 
 
 def _ranked(ranks: list[int], histogram: IntArray, some: FloatArray, wanted: IntArray) -> list[float]:
@@ -103,27 +128,34 @@ def measure_quality(mesh: Mesh, coordinates: FloatArray, mu: ComplexArray) -> Qu
     Faces without area on the surface have no angles to keep: they count for folds only. Median and quantile are exact: a
     histogram says in which bins they lie, and what lies in these is sorted.
     """
-    measured = _Measured(mesh, coordinates, mu)
-    parts = in_slices(measured.first, len(mesh.faces))
+    measured, face_count = _Measured(mesh, coordinates, mu), len(mesh.faces)
+    surfaces, images = zip(*in_slices(measured.totals, face_count), strict=True)
+    totals, likely = (sum(surfaces), sum(images)), measured.likely()
+    parts = in_slices(lambda begin, end: measured.part(begin, end, totals, likely), face_count)
     count = sum(part.corners for part in parts)
-    mean = sum(part.angle_sum for part in parts) / count
+    mean = sum(part.angle_mean * part.corners for part in parts) / count
+    squares = sum(part.angle_squares + part.corners * (part.angle_mean - mean) ** 2 for part in parts)
     histogram = np.sum([part.histogram for part in parts], axis=0)
-    at = 0.99 * (count - 1)
+    at = _QUANTILES[1] * (count - 1)
     ranks = [(count - 1) // 2, count // 2, int(at), min(int(at) + 1, count - 1)]
     wanted = np.unique(np.searchsorted(np.cumsum(histogram), ranks, side="right"))
-    totals = (sum(part.areas[0] for part in parts), sum(part.areas[1] for part in parts))
-    more = in_slices(lambda begin, end: measured.second(begin, end, mean, wanted, totals), len(mesh.faces))
-    squares, logs, largest, without, some = zip(*more, strict=True)
-    one, two, low, high = _ranked(ranks, histogram, np.sort(np.concatenate(some)), wanted)
+    is_wanted = np.isin(np.arange(_BINS), wanted)
+    if likely[wanted].all():
+        some = np.concatenate([part.some for part in parts])
+        some = some[is_wanted[_bins(some)]]
+    else:
+        some = np.concatenate(in_slices(lambda begin, end: measured.errors_in(begin, end, is_wanted), face_count))
+    one, two, low, high = _ranked(ranks, histogram, np.sort(some), wanted)
+    largest, without = max(part.log_max for part in parts), sum(part.without_log for part in parts)
     return Quality(
         angle_mean_deg=mean,
-        angle_sd_deg=float(np.sqrt(sum(squares) / count)),
+        angle_sd_deg=float(np.sqrt(squares / count)),
         angle_median_deg=0.5 * (one + two),
         angle_p99_deg=low + (at - int(at)) * (high - low),
         angle_max_deg=max(part.angle_max for part in parts),
         mu_mean=sum(part.mu_sum for part in parts) / (count // 3),
         mu_max=max(part.mu_max for part in parts),
         folds=sum(part.folds for part in parts),
-        log_area_mean=(sum(logs) + sum(without) * max(largest)) / (count // 3),
+        log_area_mean=(sum(part.log_sum for part in parts) + without * largest) / (count // 3),
         degree=None if coordinates.shape[1] == 2 else covering_degree(mesh.faces, coordinates),
     )

@@ -107,8 +107,11 @@ def test_types_refuse_what_is_no_mesh():
         Mesh(broken, good.faces)
 
 
+@pytest.mark.parametrize(("sample", "sure"), [(1 << 16, 6.0), (100, 6.0), (3, 0.0)])  # by the last, quantiles are missed
 @pytest.mark.parametrize("kind", ["plane", "sphere"])
-def test_slices_measure_what_the_whole_would(kind, monkeypatch):
+def test_slices_measure_what_the_whole_would(kind, sample, sure, monkeypatch):
+    monkeypatch.setattr("pgcp.quality._SAMPLE", sample)
+    monkeypatch.setattr("pgcp.quality._SURE", sure)
     mesh = lifted(grid(31, 23, jitter=0.3)) if kind == "plane" else spheroid(3, 2.0)[0]
     result = pgcp.parameterize(mesh, patches=2)
     errors = angle_errors(mesh, result.coordinates)
