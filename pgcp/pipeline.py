@@ -242,7 +242,7 @@ def _computed(source: Any, options: Options, progress: Progress) -> Parameteriza
         coordinates = coordinates * unit
     report = {
         "mesh": {"name": mesh.name, "vertices": len(mesh.vertices), "faces": len(mesh.faces)},
-        "versions": _versions(),
+        "versions": dict(_versions()),
         "options": _plain(asked),
         "seed": mapped.parts.seed,
         "backend": backend,
