@@ -18,11 +18,13 @@ from pgcp.tasks import (
     Load,
     SolveReport,
     alternate_task,
+    digest_of,
     eliminate_task,
     extend_inside_task,
     extend_task,
     flatten_opened_task,
     flatten_whole_task,
+    is_merged,
     merge_task,
     pack_load,
     reduce_inside_task,
@@ -55,7 +57,19 @@ class InterfaceFactor:
             self._inner += len(vertex_ids) - len(local)
         self._merges = plan_merges(plan, self._ids, kept)
         self._root = self._merges[-1].result if self._merges else 0
+        self._digests = _digests(self._merges, self._local)
+        self._wanted, self._left = self._what_is_left()
         self.levels: list[dict[str, int]] = []
+
+    def _what_is_left(self) -> tuple[set[int], list[Merge]]:
+        """Patches whose operators are needed, and merges to be done: all, or what a run before this has not finished."""
+        wanted, left = {self._root}, []
+        for merge in reversed(self._merges):
+            has_operator = merge.result not in wanted or self._store.has_array("operator", merge.result)
+            if not (has_operator and is_merged(self._store, merge, self._digests[merge.result])):
+                left.append(merge)
+                wanted |= {merge.left, merge.right}
+        return wanted & set(self._patches), left[::-1]
 
     def _vertex_ids(self, patch: int) -> IntArray:
         ids: IntArray = self._store.read_field("patch", patch, "vertex_ids")
@@ -63,15 +77,18 @@ class InterfaceFactor:
 
     def eliminate_patches(self) -> None:
         """Eliminate the patches' interiors, where the flattening has not stored their operators."""
-        items = list(zip(self._patches, self._local, strict=True))
-        self._executor.map("eliminate", partial(eliminate_task, self._job), items)
+        wanted = sorted(self._wanted)
+        items = [(patch, self._local[patch]) for patch in wanted]
+        self._executor.map("eliminate", partial(eliminate_task, self._job), items, wanted)
 
     def merge(self) -> None:
         """Eliminate the seams, level by level up the tree."""
         stored = sum(8 * len(ids) ** 2 for ids in self._ids)
         self.levels = [{"level": 0, "operators": len(self._ids), "eliminated": self._inner, "bytes": stored}]
+        left = {merge.result for merge in self._left}
         for level, merges in _by_level(self._merges):
-            self._executor.map(f"merge {level}", partial(merge_task, self._job), merges)
+            items = [(merge, self._digests[merge.result]) for merge in merges if merge.result in left]
+            self._executor.map(f"merge {level}", partial(merge_task, self._job), items)
             for merge in merges:
                 for index in (merge.left, merge.right):
                     # those that the flattening has stored may be merged again in another order
@@ -186,6 +203,7 @@ class InterfaceFactor:
         self._executor.map("release", partial(release_task, self._job), self._patches)
         self._store.drop_array("operator", self._root)
         for merge in self._merges:
+            self._store.drop("merged", merge.result)
             self._store.drop_array("inside", merge.result)
             self._store.drop_array("pivot", merge.result)
 
@@ -203,3 +221,12 @@ def _kept_in(vertex_ids: IntArray, boundary: IntArray, kept: IntArray) -> IntArr
 
 def _by_level(merges: Sequence[Merge]) -> list[tuple[int, list[Merge]]]:
     return [(level, list(group)) for level, group in groupby(merges, key=lambda merge: merge.level)]
+
+
+def _digests(merges: Sequence[Merge], local: Sequence[IntArray]) -> dict[int, str]:
+    """A digest of what each union is made from: the kept vertices of its patches, and in which order they are joined."""
+    out = {index: digest_of(kept) for index, kept in enumerate(local)}
+    for merge in merges:
+        ids = merge.left_ids, merge.right_ids, merge.kept, merge.eliminated
+        out[merge.result] = digest_of(out[merge.left], out[merge.right], *ids)
+    return out

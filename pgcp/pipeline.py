@@ -40,7 +40,7 @@ _NO_BOUNDARY_TO_HOLD = (
     "seams cannot be relaxed on a sphere: a closed surface has no boundary to hold, and harmonic maps of all of it collapse; "
     "choose --seams weld or --seams exact"
 )
-_STORE_FORMAT = 1
+_STORE_FORMAT = 2
 _PACKAGES = ("pgcp", "numpy", "scipy", "numba", "dask", "distributed", "pymetis", "mkl")
 
 

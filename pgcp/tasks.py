@@ -1,11 +1,12 @@
 """What runs for one patch, on whatever worker: the stages composed; paths and boundary curves in and out.
 
-Flattening, welding and solving leave a record in the store: where it is there already, the task was finished by a worker that
-was lost before it could say so.
+What takes time leaves a record in the store: where it is there already, the task was finished by a worker that was lost before
+it could say so, or by a run that this one goes on with.
 """
 
 from __future__ import annotations
 
+import hashlib
 import threading
 from collections import OrderedDict, deque
 from collections.abc import Callable
@@ -147,6 +148,36 @@ class SolveReport:
     reused_factor: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class Made:
+    """From what something in the store was made: a digest."""
+
+    digest: str
+
+
+@dataclass(frozen=True, slots=True)
+class Extended(SolveReport):
+    """The same of values on seams, with a digest of them."""
+
+    digest: str = ""
+
+
+def digest_of(*parts: Any) -> str:
+    """A digest of arrays and texts."""
+    digest = hashlib.blake2b(digest_size=16)
+    for part in parts:
+        array = np.ascontiguousarray(part)
+        digest.update(f"{array.dtype} {array.shape} ".encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def is_made(store: PatchStore, kind: str, index: int, digest: str) -> bool:
+    """Whether the store says that something was made from this."""
+    made = store.find(kind, index, Made)
+    return made is not None and made.digest == digest
+
+
 def factor_patch(
     patch: Patch, backend: str, kept: IntArray | None = None, keeps: Callable[[int], bool] | None = None
 ) -> DirichletFactor:
@@ -275,20 +306,34 @@ def solve_task(job: Job, name: str, item: tuple[int, Positions]) -> SolveReport:
 def eliminate_task(job: Job, item: tuple[int, IntArray]) -> None:
     """First pass with exact seams: eliminate all of a stored patch but some local vertices, and store their operator."""
     index, kept = item
-    store = PatchStore(job.directory)
+    store, digest = PatchStore(job.directory), digest_of(kept)
+    if store.has_array("operator", index) and is_made(store, "eliminated", index, digest):
+        return
     factor = factor_patch(store.read_patch(index), job.backend, kept, _keeps(job))
     store.write_array("operator", index, factor.schur)
+    store.write("eliminated", index, Made(digest))
     _FACTORS.put((job.run, index), factor, job.factor_cache_bytes)
 
 
-def merge_task(job: Job, merge: Merge) -> None:
-    """Join two stored operators into a third, and store what takes values inside."""
+def merge_task(job: Job, item: tuple[Merge, str]) -> None:
+    """Join two stored operators into a third, and store what takes values inside, and a digest of what it was made from."""
+    merge, digest = item
     store = PatchStore(job.directory)
+    if store.has_array("operator", merge.result) and is_merged(store, merge, digest):
+        return
     left, right = (store.read_array("operator", index) for index in (merge.left, merge.right))
     schur, inside, factor = merge_operators(left, right, merge)
+    store.drop("merged", merge.result)
     store.write_array("operator", merge.result, schur)
     store.write_array("inside", merge.result, inside)
     store.write_array("pivot", merge.result, factor)
+    store.write("merged", merge.result, Made(digest))
+
+
+def is_merged(store: PatchStore, merge: Merge, digest: str) -> bool:
+    """Whether all of a union that was made from this is in the store, but for its operator."""
+    arrays = all(store.has_array(kind, merge.result) for kind in ("inside", "pivot"))
+    return arrays and is_made(store, "merged", merge.result, digest)
 
 
 def extend_inside_task(job: Job, item: tuple[int, Positions]) -> Positions:
@@ -378,7 +423,10 @@ def alternate_task(job: Job, item: tuple[int, Charts]) -> Charts:
 def extend_task(job: Job, item: tuple[int, IntArray, ComplexArray]) -> SolveReport:
     """Second pass with exact seams: extend values on a stored patch's kept vertices, and keep the factor for more."""
     index, kept, values = item
-    store = PatchStore(job.directory)
+    store, digest = PatchStore(job.directory), digest_of(kept, values)
+    done = store.find("extended", index, Extended)
+    if done is not None and done.digest == digest and store.has("map", index):
+        return done
     patch = store.read_patch(index)
     factor = _FACTORS.take((job.run, index))
     reused = factor is not None
@@ -386,8 +434,11 @@ def extend_task(job: Job, item: tuple[int, IntArray, ComplexArray]) -> SolveRepo
         factor = factor_patch(patch, job.backend, kept)
     solved = extend_patch(patch, kept, values, factor)
     _FACTORS.put((job.run, index), factor, job.factor_cache_bytes)
+    store.drop("extended", index)
     store.write_map(solved)
-    return SolveReport(index, solved.fold_count, solved.first_fold_count, 0, solved.mu_max, reused)
+    report = Extended(index, solved.fold_count, solved.first_fold_count, 0, solved.mu_max, reused, digest)
+    store.write("extended", index, report)
+    return report
 
 
 def release_task(job: Job, index: int) -> None:

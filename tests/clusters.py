@@ -94,6 +94,7 @@ def _watched(function, stage, directory_of):
 def _noting(write):
     """What writes a record, and notes those that finish a task."""
     stages = {"curve": "flatten", "union": "weld", "solved": "solve"}
+    stages |= {"eliminated": "eliminate", "merged": "merge", "extended": "extend"}  # with exact seams
 
     @functools.wraps(write)
     def noting(store, kind, index, record):

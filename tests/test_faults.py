@@ -605,6 +605,8 @@ def test_a_lost_operator_is_made_again(how, place, watched):
     wanted = pgcp.parameterize(place.folder / "hills.obj", patches=PATCHES, seams="relax")
     place.forget()
     interrupted(place, "merge", seams="relax")
+    for merged in place.store.rglob("merged-*"):  # else it may not be needed
+        merged.unlink()
     (operator,) = place.store.rglob("operator-00002.npy")
     SPOIL[how](operator)
     if how == "cut off":  # it is seen when it is opened
@@ -613,6 +615,37 @@ def test_a_lost_operator_is_made_again(how, place, watched):
     result = resumed(place, seams="relax")
     assert (result.coordinates.tobytes(), result.mu.tobytes()) == (wanted.coordinates.tobytes(), wanted.mu.tobytes())
     assert {what: count for what, count in place.done().items() if what[0] == "flatten" and count > 1} == {("flatten", 2): 2}
+
+
+@pytest.mark.parametrize("stage", ["eliminate", "merge 1", "merge 2", "merge 3", "solve"])
+@pytest.mark.parametrize(("seams", "target"), [("relax", "free"), ("exact", "free"), ("exact", "disk")])
+def test_with_exact_seams_what_is_finished_is_not_done_again(seams, target, stage, place, watched):
+    if (seams, stage) == ("relax", "eliminate"):
+        stage = "flatten"
+    wanted = pgcp.parameterize(place.folder / "hills.obj", patches=PATCHES, seams=seams, target=target)
+    place.forget()
+    resumed(place, seams=seams, target=target)
+    undisturbed = place.done()
+    assert undisturbed["merge", 2 * PATCHES - 2] == undisturbed["extend", 0] == 1
+    place.forget()
+    interrupted(place, stage, seams=seams, target=target)
+    before = place.done()
+    assert sum(before.values()) < sum(undisturbed.values())
+    result = resumed(place, seams=seams, target=target)
+    assert (result.coordinates.tobytes(), result.mu.tobytes()) == (wanted.coordinates.tobytes(), wanted.mu.tobytes())
+    assert place.done() == undisturbed
+
+
+@pytest.mark.parametrize("lost", ["operator-00010", "inside-00007", "pivot-00010", "merged-00006", "map-00002"])
+def test_what_a_merge_lacks_is_made_again(lost, place, watched):
+    """A run is killed in its second pass; before it goes on, a file of the store is lost that some merges need, or none."""
+    wanted = pgcp.parameterize(place.folder / "hills.obj", patches=PATCHES, seams="exact")
+    place.forget()
+    interrupted(place, "solve", seams="exact")
+    for path in place.store.rglob(f"{lost}.np*"):
+        path.unlink()
+    result = resumed(place, seams="exact")
+    assert (result.coordinates.tobytes(), result.mu.tobytes()) == (wanted.coordinates.tobytes(), wanted.mu.tobytes())
 
 
 def test_no_changed_byte_of_a_record_goes_unseen(tmp_path):

