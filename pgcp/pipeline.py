@@ -23,7 +23,7 @@ from pgcp.check import check_centre, check_mended, checked, fitting_target
 from pgcp.dirichlet import choose_backend
 from pgcp.distortion import conformal_energy
 from pgcp.errors import FoldError, InputError, NumericalError, PgcpError, StoppedError
-from pgcp.executors import DaskExecutor, Executor, Progress, Security, SerialExecutor, silent
+from pgcp.executors import DaskExecutor, Executor, LocalExecutor, Progress, Security, silent
 from pgcp.files import run_directory
 from pgcp.io import read_cuts, read_mesh
 from pgcp.mend import Mended, mend, unmended
@@ -55,9 +55,9 @@ def as_mesh(source: Any) -> Mesh:
     raise InputError(f"expected a mesh, a path or a trimesh, not {type(source).__name__}")
 
 
-def _executor(options: Options, run: str, progress: Progress) -> SerialExecutor | DaskExecutor:
+def _executor(options: Options, run: str, progress: Progress) -> LocalExecutor | DaskExecutor:
     if options.workers == 0 and options.scheduler is None and options.scheduler_file is None:
-        return SerialExecutor(progress)
+        return LocalExecutor(progress, None if options.memory_limit_bytes is None else 1)
     security = None if (files := options.tls_files) is None else Security(*files)
     return DaskExecutor(run, options.workers, options.scheduler, options.scheduler_file, progress, security, warm_up)
 
@@ -69,7 +69,7 @@ def _processors(options: Options) -> AbstractContextManager[None]:
 
 def _planned(mesh: Mesh, topology: Topology, options: Options, executor: Executor) -> Plan:
     """Number of patches and size of the factor cache."""
-    workers = options.workers or (0 if isinstance(executor, SerialExecutor) else executor.describe()["workers"])
+    workers = options.workers or (0 if isinstance(executor, LocalExecutor) else executor.describe()["workers"])
     sizes = len(mesh.vertices), len(mesh.faces)
     fewest = 1 if topology.loops else 2
     return make_plan(*sizes, workers, options.patches, fewest, options.memory_limit_bytes, options.factor_cache_bytes)
@@ -230,7 +230,7 @@ def _computed(source: Any, options: Options, progress: Progress) -> Parameteriza
             changed = changed[changed < len(mesh.faces)]
             mapped.mu[changed] = map_coefficients(mesh, mesh.faces[changed], coordinates)
         description = executor.describe()
-    clock.executor = SerialExecutor()
+    clock.executor = LocalExecutor()
     with clock.stage("measure"):
         mu, patch = mapped.mu[: len(mesh.faces)], mapped.parts.split.labels[: len(mesh.faces)]
         quality = measure_quality(mesh, coordinates, mu)

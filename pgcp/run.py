@@ -14,7 +14,7 @@ import numpy as np
 
 from pgcp.assemble import collect
 from pgcp.errors import LostFileError
-from pgcp.executors import Executor, Joining, SerialExecutor, ignore
+from pgcp.executors import Executor, Joining, LocalExecutor, ignore
 from pgcp.options import Options
 from pgcp.parallel import at_once
 from pgcp.split import Split, cut_patch, cut_patches, faces_by_label, split_mesh, vertices_of
@@ -44,7 +44,7 @@ class Clock:
 
     def __init__(self) -> None:
         self.stages: list[dict[str, Any]] = []
-        self.executor: Executor = SerialExecutor()
+        self.executor: Executor = LocalExecutor()
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:

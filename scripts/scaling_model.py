@@ -45,7 +45,7 @@ from threadpoolctl import threadpool_limits
 
 import pgcp
 from pgcp import pipeline
-from pgcp.executors import Joining, SerialExecutor
+from pgcp.executors import Joining, LocalExecutor, Progress, silent
 from pgcp.natural import natural_boundary
 from pgcp.parallel import limited_to
 from pgcp.plan import DEFAULT_PATCHES, make_plan
@@ -346,14 +346,14 @@ def cycle_seconds(side: int = 24, steps: int = 16) -> float:
     return seconds_of(natural_boundary, *arguments) / (side**4 * len(z))
 
 
-class TimedExecutor(SerialExecutor):
+class TimedExecutor(LocalExecutor):
     """Runs tasks serially and keeps what each took, whichever instance runs them; sizes of patches are filled in afterwards."""
 
     samples: ClassVar[list[Sample]] = []
     looks_at_memory: ClassVar[bool] = False
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def __init__(self, progress: Progress = silent, _at_once: int | None = None) -> None:
+        super().__init__(progress, 1)
         self._inside: dict[int, int] = {}
 
     def _timed(self, stage: str, function: Callable[[Any], Any], name: int, after: tuple[int, ...]) -> Callable[[Any], Any]:
@@ -411,13 +411,13 @@ def limit_threads() -> None:
 
 def trace(mesh: pgcp.Mesh, patches: int, target: str, looks_at_memory: bool = False) -> Trace | None:
     """Map once, serially, and keep what every task took; None where it needed more than one attempt."""
-    before, pipeline.SerialExecutor = pipeline.SerialExecutor, TimedExecutor
+    before, pipeline.LocalExecutor = pipeline.LocalExecutor, TimedExecutor
     TimedExecutor.looks_at_memory, TimedExecutor.samples = looks_at_memory, []
     start = time.perf_counter()
     try:
         result = pgcp.compute(mesh, pgcp.Options(patches=patches, target=target))
     finally:
-        pipeline.SerialExecutor = before
+        pipeline.LocalExecutor = before
     wall = time.perf_counter() - start
     if result.report["retries"] or len(result.report["patches"]) != patches:
         return None

@@ -14,7 +14,7 @@ from pgcp import by_interface
 from pgcp.curves import crosses_itself
 from pgcp.dirichlet import choose_backend, eliminate_interior
 from pgcp.exact import InterfaceFactor
-from pgcp.executors import SerialExecutor
+from pgcp.executors import LocalExecutor
 from pgcp.flatten import dncp_boundary, scp_boundary
 from pgcp.interface import Merge, extend_inside, merge_operators, plan_merges
 from pgcp.operators import cotangent_laplacian
@@ -53,7 +53,7 @@ def patchwise(mesh, count, folder, kept, cache=2**30):
         PatchStore(folder).write_patch(patch)
     job = Job(f"{mesh.name}-{count}-{folder}", folder, "dncp", choose_backend(), cache)
     plan = plan_welds(split.table, count, closed=not examine(mesh.faces, len(mesh.vertices)).loops)
-    factor = InterfaceFactor(SerialExecutor(), job, count, plan, kept, len(mesh.vertices))
+    factor = InterfaceFactor(LocalExecutor(), job, count, plan, kept, len(mesh.vertices))
     factor.eliminate_patches()
     factor.merge()
     return factor, patches, split

@@ -6,6 +6,7 @@ import pickle
 import socket
 import subprocess
 import sys
+import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -17,8 +18,9 @@ from meshes import cap, grid, lifted, similarity_error, spheroid
 
 import pgcp
 from pgcp import errors
-from pgcp.executors import DaskExecutor, Join, Joining, SerialExecutor, Spare
+from pgcp.executors import DaskExecutor, Join, Joining, LocalExecutor, Spare
 from pgcp.forks import prepare_forks
+from pgcp.parallel import limited_to, processor_count
 from pgcp.split import plans, split_mesh
 from pgcp.tasks import FactorCache, Job, weld_task
 from pgcp.topology import examine
@@ -218,7 +220,7 @@ def test_little_passes_through_the_scheduler(cluster, reference):
 @pytest.fixture(params=["serial", "dask"])
 def executor(request):
     if request.param == "serial":
-        with SerialExecutor() as made:
+        with LocalExecutor() as made:
             yield made
     else:
         address, _ = request.getfixturevalue("cluster")
@@ -379,13 +381,49 @@ def test_no_scheduler_at_the_address_is_said():
         DaskExecutor("x", scheduler=f"tcp://127.0.0.1:{free_port()}")
 
 
-def test_serial_progress_and_description():
+@pytest.mark.parametrize(("at_once", "kind"), [(1, "serial"), (3, "threads")])
+def test_local_progress_and_description(at_once, kind):
     seen = []
-    with SerialExecutor(lambda *args: seen.append(args)) as executor:
+    with LocalExecutor(lambda *args: seen.append(args), at_once) as executor:
         assert executor.map("square", lambda x: x * x, [1, 2, 3]) == [1, 4, 9]
-        assert executor.describe()["kind"] == "serial"
+        assert executor.describe() == {"kind": kind, "workers": 0, "threads_per_worker": at_once}
         assert executor.peak_bytes() > 1_000_000
+        assert executor.taken["square"]["count"] == 3
     assert seen == [("square", 0, 3), ("square", 1, 3), ("square", 2, 3), ("square", 3, 3)]
+
+
+def test_local_tasks_run_at_the_same_time_on_a_share_of_the_processors_each():
+    met = threading.Barrier(2, timeout=60)
+
+    def meet(number):
+        met.wait()
+        return number, processor_count()
+
+    with limited_to(5), LocalExecutor(at_once=2) as executor:
+        share = max(1, processor_count() // 2)
+        assert executor.map("meet", meet, [1, 2, 3, 4]) == [(1, share), (2, share), (3, share), (4, share)]
+        joins = Joining("meet", [Join(0, 1, 4, meet), Join(2, 3, 5, meet)])
+        for number, name in enumerate("abcd"):
+            joins.put(number, name)
+        assert {pair for pair, _ in executor.join(joins).values()} == {("a", "b"), ("c", "d")}
+
+
+@pytest.mark.parametrize("at_once", [1, 2])
+def test_what_goes_wrong_in_a_local_task_is_said_and_begins_no_more(at_once):
+    begun = []
+
+    def fails(number):
+        begun.append(number)
+        if number == 1:
+            raise MemoryError
+        time.sleep(0.2)
+
+    with (
+        LocalExecutor(at_once=at_once) as executor,
+        pytest.raises(errors.SolveFailedError, match="stage try ran out of memory"),
+    ):
+        executor.map("try", fails, list(range(50)))
+    assert len(begun) < 10
 
 
 class Held:

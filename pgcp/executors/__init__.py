@@ -5,18 +5,18 @@ order in which tasks finish, and each task computes with one BLAS thread whereve
 """
 
 from pgcp.executors.cluster import Security, start_cluster
+from pgcp.executors.local import LocalExecutor
 from pgcp.executors.on_dask import DaskExecutor
 from pgcp.executors.protocol import Executor, Join, Joining, Progress, Spare, ignore, silent
-from pgcp.executors.serial import SerialExecutor
 
 __all__ = [
     "DaskExecutor",
     "Executor",
     "Join",
     "Joining",
+    "LocalExecutor",
     "Progress",
     "Security",
-    "SerialExecutor",
     "Spare",
     "ignore",
     "silent",

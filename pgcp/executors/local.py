@@ -1,0 +1,112 @@
+"""Tasks in this process, in threads of it: compiled code and BLAS let each other run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
+from contextvars import copy_context
+from functools import partial
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from pgcp.errors import SolveFailedError
+from pgcp.executors.protocol import Item, Joining, Progress, Result, count, ignore, peak_bytes, silent
+from pgcp.parallel import limited_to, processor_count
+
+_MOST_AT_ONCE = 8
+
+
+class LocalExecutor(AbstractContextManager["LocalExecutor"]):
+    """So many tasks at a time in this process, as many as it has processors, up to eight, or one after the other."""
+
+    def __init__(self, progress: Progress = silent, at_once: int | None = None) -> None:
+        self._progress = progress
+        self._at_once = at_once or min(_MOST_AT_ONCE, processor_count())
+        self.taken: dict[str, dict[str, float]] = {}
+
+    def map(
+        self,
+        stage: str,
+        function: Callable[[Item], Result],
+        items: Sequence[Item],
+        places: Sequence[int] | None = None,
+        done: int = 0,
+        each: Callable[[Result], None] = ignore,
+        beside: Joining | None = None,
+        keeps: bool = True,
+    ) -> list[Result]:
+        """See Executor. Results come in in the order of their items. Joins wait: this process is never idle."""
+        total = done + len(items)
+        out = []
+        self._progress(stage, done, total)
+        for result in self._computed(stage, [(function, item) for item in items]):
+            out.append(result)
+            each(result)
+            self._progress(stage, done + len(out), total)
+        return out
+
+    def join(self, joining: Joining) -> dict[int, Any]:
+        """See Executor."""
+        self._progress(joining.stage, joining.finished, joining.total)
+        while ready := joining.take_ready():
+            unions = self._computed(joining.stage, [(node.function, pair) for node, pair in ready])
+            for (node, _), union in zip(ready, unions, strict=True):
+                joining.keep(node.result, union)
+                self._progress(joining.stage, joining.finished, joining.total)
+        return joining.values
+
+    def _computed(self, stage: str, calls: Sequence[tuple[Callable[[Any], Any], Any]]) -> Iterator[Any]:
+        """What functions give for their items, each as soon as it and those before it are there."""
+        threads = min(self._at_once, len(calls))
+        with threadpool_limits(1):
+            if threads < 2:
+                yield from (self._counted(stage, *_timed(*call)) for call in calls)
+                return
+            share = max(1, processor_count() // threads)
+            with ThreadPoolExecutor(threads) as pool:
+                futures = [pool.submit(copy_context().run, partial(_timed, *call, share)) for call in calls]
+                try:
+                    for future in futures:
+                        yield self._counted(stage, *future.result())
+                finally:
+                    pool.shutdown(wait=False, cancel_futures=True)
+
+    def _counted(self, stage: str, seconds: float, result: Any) -> Any:
+        count(self.taken, stage, seconds)
+        if isinstance(result, MemoryError):
+            raise SolveFailedError(f"stage {stage} ran out of memory") from result
+        return result
+
+    def rest(self) -> None:
+        """See Executor."""
+
+    def everywhere(self, function: Callable[[], None]) -> None:
+        """See Executor."""
+        function()
+
+    def describe(self) -> dict[str, Any]:
+        """See Executor."""
+        kind = "serial" if self._at_once == 1 else "threads"
+        return {"kind": kind, "workers": 0, "threads_per_worker": self._at_once}
+
+    def peak_bytes(self) -> int:
+        """See Executor."""
+        return peak_bytes()
+
+    def __exit__(self, *_: object) -> None:
+        return None
+
+
+def _timed(function: Callable[[Item], Result], item: Item, processors: int | None = None) -> tuple[float, Result | MemoryError]:
+    """Seconds that function(item) takes on so many processors, or all, and what it is."""
+    start = time.perf_counter()
+    result: Result | MemoryError
+    try:
+        with limited_to(processors or processor_count()):
+            result = function(item)
+    except MemoryError as problem:
+        result = problem
+    return time.perf_counter() - start, result
