@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from pgcp.errors import InputError, NumericalError, PgcpError, StoppedError
-from pgcp.forks import prepare_forks
+from pgcp.forks import collect_seldom, prepare_forks
 from pgcp.options import FLATTENERS, METHODS, MOEBIUS, REPAIRS, SEAMS, TARGETS, Options
 from pgcp.parallel import leave, processor_count
 from pgcp.types import Mesh, Parameterization
@@ -447,6 +447,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def run() -> NoReturn:
     """Run the command and end the process."""
+    collect_seldom()
     status = main()
     with suppress(OSError):
         sys.stdout.flush()

@@ -5,6 +5,7 @@ On Linux only: elsewhere libraries do not bear to be forked, and workers start f
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -23,7 +24,12 @@ WORKER_ENVIRONMENT = {
     "MALLOC_MMAP_MAX_": "0",
     "MALLOC_TRIM_THRESHOLD_": str(1 << 30),
 }
-_PRELOADED = ["distributed", "pgcp.warmed"]
+_PRELOADED = ["pgcp.early", "distributed", "pgcp.warmed"]
+
+
+def collect_seldom() -> None:
+    """Look for garbage in cycles seldom: libraries make a million objects that stay, and would be looked at again and again."""
+    gc.set_threshold(50_000, 20, 50)
 
 
 @contextmanager

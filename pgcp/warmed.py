@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+
 from threadpoolctl import threadpool_limits
 
 from pgcp.parallel import limited_to
@@ -9,3 +11,4 @@ from pgcp.tasks import warm_up
 
 with threadpool_limits(1), limited_to(1):  # threads would not be there in a forked process
     warm_up()
+gc.freeze()  # what is here stays: workers need not look at it, and share its memory

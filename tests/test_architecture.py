@@ -55,7 +55,7 @@ LAYERS = [
         "correct",
     },
     {"store", "tasks", "executors", "io", "demo"},
-    {"run", "exact", "warmed"},
+    {"run", "exact", "warmed", "early"},
     {"by_welds", "by_interface"},
     {"attempts"},
     {"pipeline", "report"},
