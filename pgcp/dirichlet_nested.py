@@ -194,8 +194,9 @@ class _Elimination:
         self.faces = np.ascontiguousarray(faces, np.int32)
         tree = dissect(vertices, self.faces, kept, without_kept=without_kept, order=order)
         self.order = tree.order
-        if (tree.position < 0).any():
-            raise SolveFailedError("the Laplacian is singular: a vertex is in no face")
+        root = int(tree.starts[-1] - tree.starts[-2])
+        if (tree.position < 0).any() or root != (0 if without_kept else len(kept)):
+            raise SolveFailedError("the Laplacian is singular: a vertex is in no face, or is to be kept twice")
         self.weights = corner_weights(vertices, self.faces, mollification)
         if not np.isfinite(self.weights).all():
             raise SolveFailedError("the Laplacian has entries that are not finite: a face has zero area")

@@ -65,8 +65,7 @@ class InterfaceFactor:
         """Patches whose operators are needed, and merges to be done: all, or what a run before this has not finished."""
         wanted, left = {self._root}, []
         for merge in reversed(self._merges):
-            has_operator = merge.result not in wanted or self._store.has_array("operator", merge.result)
-            if not (has_operator and is_merged(self._store, merge, self._digests[merge.result])):
+            if not is_merged(self._store, merge, self._digests[merge.result], merge.result in wanted):
                 left.append(merge)
                 wanted |= {merge.left, merge.right}
         return wanted & set(self._patches), left[::-1]
@@ -76,7 +75,7 @@ class InterfaceFactor:
         return ids
 
     def eliminate_patches(self) -> None:
-        """Eliminate the patches' interiors, where the flattening has not stored their operators."""
+        """Eliminate the interiors of the patches whose operators are needed, where the flattening does not store them."""
         wanted = sorted(self._wanted)
         items = [(patch, self._local[patch]) for patch in wanted]
         self._executor.map("eliminate", partial(eliminate_task, self._job), items, wanted)

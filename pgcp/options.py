@@ -36,8 +36,8 @@ _LEAST_MEMORY = 10**9
 class Options:
     """Options of a run.
 
-    patches: how many, None for what ``pgcp.plan`` chooses by vertices, workers and memory; workers: 0 for serial, else
-    processes on this machine, which is then the number of processors in use;
+    patches: how many, None for what ``pgcp.plan`` chooses by vertices, workers and memory; workers: 0 for threads of this
+    process, else processes on this machine, which is then the number of processors in use;
     target: free, disk or sphere, or auto for free on an open and sphere on a closed surface; centre: vertex that goes to
     the centre of the disk or the north pole of the sphere; moebius: correction of the finished map, none, least area
     distortion, least angle error (disk), or auto for what serves the target;
@@ -93,7 +93,7 @@ class Options:
         if self.patches is not None and self.patches < 1:
             raise InputError(f"patches is {self.patches}, it must be at least 1")
         if self.workers < 0:
-            raise InputError(f"workers is {self.workers}, it must be 0 (serial) or more")
+            raise InputError(f"workers is {self.workers}, it must be 0 (none) or more")
         if self.seed < 0:
             raise InputError(f"seed is {self.seed}, it must be 0 or more")
         if self.target not in TARGETS:

@@ -42,7 +42,8 @@ def make_plan(
     """Choose what has not been chosen.
 
     Six patches, fewer on a mesh of less than 600 faces, up to twelve of 120,000 vertices, more where they would have more than
-    200,000, where there are more workers, or where memory is short: the working set of a pass is that of one patch a process.
+    200,000, where there are more workers, or where memory is short: the working set of a pass is that of one patch a process
+    (a run without workers does one after the other where there is a limit).
     What memory is then left goes to factors that are kept between the passes. Raises InputError where the limit is too low for
     the mesh.
     """

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import threading
+import zlib
 from collections import OrderedDict, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -19,7 +20,7 @@ import numpy as np
 
 from pgcp.curves import crosses_itself
 from pgcp.dirichlet import DirichletFactor, DirichletSolver, eliminate_mesh, harmonic_solver
-from pgcp.errors import WeldFailedError
+from pgcp.errors import LostFileError, WeldFailedError
 from pgcp.flatten import flatten_boundary
 from pgcp.interface import Merge, extend_inside, merge_operators, solve_inside
 from pgcp.puncture import Charts, alternated, opened_positions
@@ -148,11 +149,12 @@ class SolveReport:
     reused_factor: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Made:
-    """From what something in the store was made: a digest."""
+    """Of arrays in the store: a digest of what they were made from, and a checksum of each."""
 
     digest: str
+    sums: IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,10 +174,27 @@ def digest_of(*parts: Any) -> str:
     return digest.hexdigest()
 
 
-def is_made(store: PatchStore, kind: str, index: int, digest: str) -> bool:
-    """Whether the store says that something was made from this."""
+def _sum_of(array: np.ndarray) -> int:
+    return zlib.crc32(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
+
+
+def _store_made(store: PatchStore, kind: str, index: int, digest: str, arrays: dict[str, np.ndarray]) -> None:
+    """Store arrays, and last what says that all are there."""
+    store.drop(kind, index)
+    for name, array in arrays.items():
+        store.write_array(name, index, array)
+    store.write(kind, index, Made(digest, np.array([_sum_of(array) for array in arrays.values()])))
+
+
+def is_made(store: PatchStore, kind: str, index: int, digest: str, names: Sequence[str]) -> bool:
+    """Whether the first arrays of a kind, those of these names, are in the store whole, and were made from this."""
     made = store.find(kind, index, Made)
-    return made is not None and made.digest == digest
+    if made is None or made.digest != digest:
+        return False
+    try:
+        return all(_sum_of(store.read_array(name, index)) == total for name, total in zip(names, made.sums, strict=False))
+    except LostFileError:
+        return False
 
 
 def factor_patch(
@@ -307,11 +326,10 @@ def eliminate_task(job: Job, item: tuple[int, IntArray]) -> None:
     """First pass with exact seams: eliminate all of a stored patch but some local vertices, and store their operator."""
     index, kept = item
     store, digest = PatchStore(job.directory), digest_of(kept)
-    if store.has_array("operator", index) and is_made(store, "eliminated", index, digest):
+    if is_made(store, "eliminated", index, digest, ["operator"]):
         return
     factor = factor_patch(store.read_patch(index), job.backend, kept, _keeps(job))
-    store.write_array("operator", index, factor.schur)
-    store.write("eliminated", index, Made(digest))
+    _store_made(store, "eliminated", index, digest, {"operator": factor.schur})
     _FACTORS.put((job.run, index), factor, job.factor_cache_bytes)
 
 
@@ -319,21 +337,16 @@ def merge_task(job: Job, item: tuple[Merge, str]) -> None:
     """Join two stored operators into a third, and store what takes values inside, and a digest of what it was made from."""
     merge, digest = item
     store = PatchStore(job.directory)
-    if store.has_array("operator", merge.result) and is_merged(store, merge, digest):
+    if is_merged(store, merge, digest, with_operator=True):
         return
     left, right = (store.read_array("operator", index) for index in (merge.left, merge.right))
     schur, inside, factor = merge_operators(left, right, merge)
-    store.drop("merged", merge.result)
-    store.write_array("operator", merge.result, schur)
-    store.write_array("inside", merge.result, inside)
-    store.write_array("pivot", merge.result, factor)
-    store.write("merged", merge.result, Made(digest))
+    _store_made(store, "merged", merge.result, digest, {"inside": inside, "pivot": factor, "operator": schur})
 
 
-def is_merged(store: PatchStore, merge: Merge, digest: str) -> bool:
-    """Whether all of a union that was made from this is in the store, but for its operator."""
-    arrays = all(store.has_array(kind, merge.result) for kind in ("inside", "pivot"))
-    return arrays and is_made(store, "merged", merge.result, digest)
+def is_merged(store: PatchStore, merge: Merge, digest: str, with_operator: bool) -> bool:
+    """Whether a union that was made from this is in the store: what takes values inside, and its operator where asked for."""
+    return is_made(store, "merged", merge.result, digest, ["inside", "pivot", "operator"][: 3 if with_operator else 2])
 
 
 def extend_inside_task(job: Job, item: tuple[int, Positions]) -> Positions:

@@ -144,13 +144,13 @@ def main():
 
     cli._Bars.__call__ = arrived
     executors.DaskExecutor.patience_s = float(os.environ.get(PATIENCE, executors.DaskExecutor.patience_s))
-    return cli.main(sys.argv[1:])
+    cli.run()
 
 
 if __name__ in ("__main__", "__mp_main__"):  # the latter in worker processes of a local cluster
     watch()
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
 
 
 # outside

@@ -380,10 +380,9 @@ def test_a_run_killed_while_a_cluster_works_for_it_is_resumed_there(cluster, pla
 
 
 def test_without_resume_all_is_done_anew(place, reference):
-    place.hold("solve", 3)
-    place.hold("solve", 3, 4)
+    place.hold("solve", 3, 99)
     process = place.start()
-    place.held(process, "solve", 3)
+    place.wait_for(process, "at", "solve", 3)
     kill(process.pid)
     (run,) = place.runs()
     assert len(place.records("solved")) == 3
@@ -439,7 +438,7 @@ def assert_full(end, what):
 def test_files_that_grow_too_large_stop_the_run(workers, place, reference):
     place.hold("flatten", 3, 99, "fill")
     assert_full(place.finish("--workers", str(workers)), "File too large")
-    assert len(place.records("curve")) == 3
+    assert len(place.records("curve")) in (2, 3)  # threads of one process have one limit: two may be at work
     (place.folder / "hold").unlink()
     assert place.finish("--resume", "--quiet") == GOOD
     assert_same(place, reference)
@@ -461,10 +460,9 @@ def small_disk(place):
 
 def test_a_disk_that_gets_full_in_the_first_pass_stops_the_run(small_disk, place, reference):
     small_disk("4m")
-    place.hold("flatten", 3)
-    place.hold("flatten", 3, 4)
+    place.hold("flatten", 3, 99)
     process = place.start()
-    place.held(process, "flatten", 3)
+    place.wait_for(process, "at", "flatten", 3)
     filler = place.store / "filler"
     with pytest.raises(OSError, match="No space left"), filler.open("wb", 0) as stream:
         while True:
@@ -646,6 +644,19 @@ def test_what_a_merge_lacks_is_made_again(lost, place, watched):
         path.unlink()
     result = resumed(place, seams="exact")
     assert (result.coordinates.tobytes(), result.mu.tobytes()) == (wanted.coordinates.tobytes(), wanted.mu.tobytes())
+
+
+@pytest.mark.parametrize("changed", ["inside-00007", "pivot-00010", "operator-00010"])
+def test_a_changed_array_of_a_run_before_is_not_believed(changed, place, watched):
+    wanted = pgcp.parameterize(place.folder / "hills.obj", patches=PATCHES, seams="exact")
+    place.forget()
+    interrupted(place, "solve", seams="exact")
+    (path,) = place.store.rglob(f"{changed}.npy")
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2] + bytes(len(data) - len(data) // 2))  # as a power failure may leave it
+    result = resumed(place, seams="exact")
+    assert (result.coordinates.tobytes(), result.mu.tobytes()) == (wanted.coordinates.tobytes(), wanted.mu.tobytes())
+    assert place.done()["merge", int(changed[-5:])] == 2
 
 
 def test_no_changed_byte_of_a_record_goes_unseen(tmp_path):

@@ -134,3 +134,11 @@ def test_the_solver_of_the_second_pass_extends_as_the_factor_does(case):
     assert bare.nbytes < factor.nbytes
     other = harmonic_solver(mesh.vertices, mesh.faces, kept, "superlu", 0.01)
     assert np.abs(other.extend(values) - factor.extend(values)).max() < 1e-10
+
+
+@pytest.mark.parametrize("kept", [[0, 1, 4, 3], [0, 1, 1]])
+def test_vertices_kept_twice_or_in_no_face_are_refused(kept):
+    square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [5, 5, 5]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    with pytest.raises(SolveFailedError, match="in no face, or is to be kept twice"):
+        NestedFactor(square[: 5 if 4 in kept else 4], faces, np.array(kept))

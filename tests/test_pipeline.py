@@ -411,6 +411,42 @@ def test_local_tasks_run_at_the_same_time_on_a_share_of_the_processors_each():
         assert {pair for pair, _ in executor.join(joins).values()} == {("a", "b"), ("c", "d")}
 
 
+@pytest.mark.parametrize("seams", ["weld", "exact"])
+def test_threads_give_the_bits_of_tasks_one_after_the_other(seams, monkeypatch):
+    mesh = lifted(grid(30, jitter=0.2))
+    found = []
+    for at_once in (1, 3):
+        monkeypatch.setattr("pgcp.executors.local._MOST_AT_ONCE", at_once)
+        monkeypatch.setattr("pgcp.executors.local.processor_count", lambda: 3)
+        result = pgcp.parameterize(mesh, patches=5, seams=seams)
+        assert result.report["threads"] == at_once
+        found.append((result.coordinates.tobytes(), result.mu.tobytes()))
+    assert found[0] == found[1]
+
+
+def test_a_callback_that_stops_a_run_stops_its_threads():
+    begun = []
+
+    def work(number):
+        begun.append(number)
+        time.sleep(0.1)
+
+    def progress(_stage, done, _total):
+        if done == 1:
+            raise KeyboardInterrupt
+
+    joining = Joining("work", [Join(2 * k, 2 * k + 1, 100 + k, work) for k in range(40)])
+    for name in range(80):
+        joining.put(name, name)
+    executor = LocalExecutor(progress, 2)
+    for run in (lambda: executor.map("work", work, list(range(40))), lambda: executor.join(joining)):
+        begun.clear()
+        with pytest.raises(KeyboardInterrupt):
+            run()
+        time.sleep(0.5)
+        assert len(begun) < 6
+
+
 @pytest.mark.parametrize("at_once", [1, 2])
 def test_what_goes_wrong_in_a_local_task_is_said_and_begins_no_more(at_once):
     begun = []
@@ -680,5 +716,5 @@ def test_the_report_holds_what_it_promises(reference):
     assert report["options"]["patches"] == 6
     assert report["seed"] == 0
     assert report["backend"] == "nested"
-    assert report["threads"] == 1
+    assert report["threads"] == processor_count()
     assert len(report["welds"]) == 5

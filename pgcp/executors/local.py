@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager
 from contextvars import copy_context
 from functools import partial
@@ -16,11 +16,12 @@ from pgcp.errors import SolveFailedError
 from pgcp.executors.protocol import Item, Joining, Progress, Result, count, ignore, peak_bytes, silent
 from pgcp.parallel import limited_to, processor_count
 
-_MOST_AT_ONCE = 8
+_MOST_AT_ONCE = 4  # each needs memory for a patch
+_LOOK_S = 0.1
 
 
 class LocalExecutor(AbstractContextManager["LocalExecutor"]):
-    """So many tasks at a time in this process, as many as it has processors, up to eight, or one after the other."""
+    """So many tasks at a time in this process, as many as it has processors, up to four, or one after the other."""
 
     def __init__(self, progress: Progress = silent, at_once: int | None = None) -> None:
         self._progress = progress
@@ -38,41 +39,50 @@ class LocalExecutor(AbstractContextManager["LocalExecutor"]):
         beside: Joining | None = None,
         keeps: bool = True,
     ) -> list[Result]:
-        """See Executor. Results come in in the order of their items. Joins wait: this process is never idle."""
+        """See Executor. Joins wait: this process is never idle."""
         total = done + len(items)
-        out = []
+        out = dict[int, Result]()
         self._progress(stage, done, total)
-        for result in self._computed(stage, [(function, item) for item in items]):
-            out.append(result)
+
+        def take(k: int, result: Result) -> None:
+            out[k] = result
             each(result)
             self._progress(stage, done + len(out), total)
-        return out
+
+        self._compute(stage, [(function, item) for item in items], take)
+        return [out[k] for k in range(len(items))]
 
     def join(self, joining: Joining) -> dict[int, Any]:
         """See Executor."""
         self._progress(joining.stage, joining.finished, joining.total)
         while ready := joining.take_ready():
-            unions = self._computed(joining.stage, [(node.function, pair) for node, pair in ready])
-            for (node, _), union in zip(ready, unions, strict=True):
-                joining.keep(node.result, union)
+
+            def take(k: int, union: Any, ready: list[tuple[Any, Any]] = ready) -> None:
+                joining.keep(ready[k][0].result, union)
                 self._progress(joining.stage, joining.finished, joining.total)
+
+            self._compute(joining.stage, [(node.function, pair) for node, pair in ready], take)
         return joining.values
 
-    def _computed(self, stage: str, calls: Sequence[tuple[Callable[[Any], Any], Any]]) -> Iterator[Any]:
-        """What functions give for their items, each as soon as it and those before it are there."""
+    def _compute(self, stage: str, calls: Sequence[tuple[Callable[[Any], Any], Any]], take: Callable[[int, Any], None]) -> None:
+        """Call functions with their items, and ``take`` with the position and the result of each as it comes in."""
         threads = min(self._at_once, len(calls))
         with threadpool_limits(1):
             if threads < 2:
-                yield from (self._counted(stage, *_timed(*call)) for call in calls)
+                for k, call in enumerate(calls):
+                    take(k, self._counted(stage, *_timed(*call)))
                 return
             share = max(1, processor_count() // threads)
-            with ThreadPoolExecutor(threads) as pool:
-                futures = [pool.submit(copy_context().run, partial(_timed, *call, share)) for call in calls]
-                try:
-                    for future in futures:
-                        yield self._counted(stage, *future.result())
-                finally:
-                    pool.shutdown(wait=False, cancel_futures=True)
+            pool = ThreadPoolExecutor(threads)
+            try:
+                begun = {pool.submit(copy_context().run, partial(_timed, *call, share)): k for k, call in enumerate(calls)}
+                while begun:  # a signal that another thread gets does not end a wait
+                    for future in wait(begun, _LOOK_S, FIRST_COMPLETED).done:
+                        take(begun.pop(future), self._counted(stage, *future.result()))
+            except BaseException as problem:
+                pool.shutdown(wait=isinstance(problem, Exception), cancel_futures=True)  # who interrupts does not wait
+                raise
+            pool.shutdown()
 
     def _counted(self, stage: str, seconds: float, result: Any) -> Any:
         count(self.taken, stage, seconds)
