@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager
 from contextvars import copy_context
 from functools import partial
@@ -17,7 +17,7 @@ from pgcp.executors.protocol import Item, Joining, Progress, Result, count, igno
 from pgcp.parallel import limited_to, processor_count
 
 _MOST_AT_ONCE = 4  # each needs memory for a patch
-_LOOK_S = 0.1
+_LOOK_S, _GRACE_S = 0.1, 3.0
 
 
 class LocalExecutor(AbstractContextManager["LocalExecutor"]):
@@ -45,6 +45,7 @@ class LocalExecutor(AbstractContextManager["LocalExecutor"]):
         self._progress(stage, done, total)
 
         def take(k: int, result: Result) -> None:
+            """A result has come in."""
             out[k] = result
             each(result)
             self._progress(stage, done + len(out), total)
@@ -58,6 +59,7 @@ class LocalExecutor(AbstractContextManager["LocalExecutor"]):
         while ready := joining.take_ready():
 
             def take(k: int, union: Any, ready: list[tuple[Any, Any]] = ready) -> None:
+                """A union has come in."""
                 joining.keep(ready[k][0].result, union)
                 self._progress(joining.stage, joining.finished, joining.total)
 
@@ -74,13 +76,17 @@ class LocalExecutor(AbstractContextManager["LocalExecutor"]):
                 return
             share = max(1, processor_count() // threads)
             pool = ThreadPoolExecutor(threads)
+            begun: dict[Future[tuple[float, Any]], int] = {}
             try:
-                begun = {pool.submit(copy_context().run, partial(_timed, *call, share)): k for k, call in enumerate(calls)}
+                for k, call in enumerate(calls):
+                    begun[pool.submit(copy_context().run, partial(_timed, *call, share))] = k
                 while begun:  # a signal that another thread gets does not end a wait
                     for future in wait(begun, _LOOK_S, FIRST_COMPLETED).done:
                         take(begun.pop(future), self._counted(stage, *future.result()))
             except BaseException as problem:
-                pool.shutdown(wait=isinstance(problem, Exception), cancel_futures=True)  # who interrupts does not wait
+                pool.shutdown(wait=False, cancel_futures=True)
+                running = [future for future in begun if not future.cancelled()]
+                wait(running, None if isinstance(problem, Exception) else _GRACE_S)  # who interrupts does not wait long
                 raise
             pool.shutdown()
 
