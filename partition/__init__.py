@@ -6,15 +6,15 @@ from functools import partial
 
 import numpy as np
 
-from partition.check import Contacts, PartReport, SeamTable, check_partition, seam_table
-from partition.clusters import cluster_graph, grow_clusters
-from partition.cuts import cut_labels
-from partition.disks import make_disks
-from partition.dual_graph import AtOnce, FloatArray, IntArray, edge_lengths, in_turn, seam_half_edges, vertex_starts
-from partition.errors import PartitionError
-from partition.kway import has_metis, kway_labels
-from partition.smooth import shorten_seams
-from partition.straighten import straighten_seams
+from .check import Contacts, PartReport, SeamTable, check_partition, seam_table
+from .clusters import cluster_graph, grow_clusters
+from .cuts import cut_labels
+from .disks import make_disks
+from .dual_graph import AtOnce, FloatArray, IntArray, edge_lengths, in_turn, seam_half_edges, vertex_starts
+from .errors import PartitionError
+from .kway import has_metis, kway_labels
+from .smooth import shorten_seams
+from .straighten import straighten_seams
 
 __all__ = [
     "Contacts",

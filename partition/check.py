@@ -12,7 +12,7 @@ from functools import partial
 import numba
 import numpy as np
 
-from partition.dual_graph import (
+from .dual_graph import (
     AtOnce,
     BoolArray,
     FloatArray,

@@ -9,7 +9,7 @@ import numba
 import numpy as np
 from scipy.sparse import csr_array
 
-from partition.dual_graph import AtOnce, FloatArray, IntArray, in_turn
+from .dual_graph import AtOnce, FloatArray, IntArray, in_turn
 
 _PARTS = 8
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from partition.dual_graph import IntArray, label_components
-from partition.errors import PartitionError
+from .dual_graph import IntArray, label_components
+from .errors import PartitionError
 
 
 def cut_labels(faces: IntArray, twins: IntArray, cut_edges: IntArray) -> IntArray:

@@ -7,8 +7,8 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from partition.check import check_partition, seam_table
-from partition.dual_graph import (
+from .check import check_partition, seam_table
+from .dual_graph import (
     AtOnce,
     BoolArray,
     FloatArray,
@@ -19,8 +19,8 @@ from partition.dual_graph import (
     label_components,
     vertex_starts,
 )
-from partition.errors import PartitionError
-from partition.kway import bisection_labels
+from .errors import PartitionError
+from .kway import bisection_labels
 
 _ROUNDS = 50
 
@@ -45,14 +45,14 @@ def _sizes_and_owners(labels: IntArray, pieces: IntArray, count: int) -> tuple[I
 
 
 @numba.njit(cache=True, nogil=True)
-def _borders(twins: IntArray, pieces: IntArray, stray: BoolArray) -> IntArray:
-    """Half-edges from a stray piece to one that is not."""
+def _borders(twins: IntArray, pieces: IntArray, is_fragment: BoolArray) -> IntArray:
+    """Half-edges from a fragment, any piece of a part but its largest, to a piece that is none."""
     found = [np.int64(0) for _ in range(0)]
     for f in range(pieces.shape[0]):
-        if stray[pieces[f]]:
+        if is_fragment[pieces[f]]:
             for i in range(3):
                 twin = twins[3 * f + i]
-                if twin >= 0 and not stray[pieces[twin // 3]]:
+                if twin >= 0 and not is_fragment[pieces[twin // 3]]:
                     found.append(np.int64(3 * f + i))
     return np.array(found)
 
@@ -74,18 +74,18 @@ def _join_pieces(twins: IntArray, lengths: FloatArray, labels: IntArray) -> IntA
         for piece in np.argsort(-sizes, kind="stable"):
             if largest[owner[piece]] < 0:
                 largest[owner[piece]] = piece
-        stray = np.ones(count, bool)
-        stray[largest[largest >= 0]] = False
-        if not stray.any():
+        is_fragment = np.ones(count, bool)
+        is_fragment[largest[largest >= 0]] = False
+        if not is_fragment.any():
             return labels
-        border = _borders(twins, pieces, stray)  # a stray that touches strays only waits for the next turn
+        border = _borders(twins, pieces, is_fragment)  # a fragment that touches fragments only waits for the next turn
         here, there = pieces[border // 3].astype(np.int64), pieces[twins[border] // 3]
         key = here * part_count + owner[there]
         unique, index = np.unique(key, return_inverse=True)
         total = np.bincount(index, lengths[border])
         order = np.lexsort((unique, -total, unique // part_count))
-        strays, first = np.unique(unique[order] // part_count, return_index=True)
-        owner[strays] = unique[order][first] % part_count
+        fragments, first = np.unique(unique[order] // part_count, return_index=True)
+        owner[fragments] = unique[order][first] % part_count
         _relabel(labels, pieces, owner)
 
 

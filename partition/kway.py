@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from partition.dual_graph import IntArray
+from .dual_graph import IntArray
 
 _WEIGHT_RANGE = 1000
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from partition.dual_graph import FloatArray, IntArray
+from .dual_graph import FloatArray, IntArray
 
 
 @numba.njit(cache=True, nogil=True)

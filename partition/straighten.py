@@ -8,7 +8,7 @@ from heapq import heappop, heappush
 import numba
 import numpy as np
 
-from partition.dual_graph import AtOnce, FloatArray, IntArray, in_turn
+from .dual_graph import AtOnce, FloatArray, IntArray, in_turn
 
 
 @numba.njit(cache=True, nogil=True)

@@ -13,24 +13,26 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pgcp.check import check_mesh
+    from pgcp.api import check_mesh, compute, parameterize
     from pgcp.errors import (
         BadFileError,
         CrowdedError,
         DegenerateError,
         FoldError,
         InputError,
+        LostFileError,
         NotManifoldError,
         NotSimplyConnectedError,
         NumericalError,
         PartitionInputError,
         PgcpError,
         SolveFailedError,
+        StoppedError,
         WeldFailedError,
     )
-    from pgcp.io import read_mesh, write_mesh
-    from pgcp.options import Options
-    from pgcp.pipeline import compute, parameterize
+    from pgcp.io.read import read_mesh
+    from pgcp.io.write import write_mesh
+    from pgcp.options import Options, Running
     from pgcp.types import Mesh, Parameterization, Quality
 
 __version__ = "0.1.0"
@@ -40,6 +42,7 @@ __all__ = [
     "DegenerateError",
     "FoldError",
     "InputError",
+    "LostFileError",
     "Mesh",
     "NotManifoldError",
     "NotSimplyConnectedError",
@@ -49,7 +52,9 @@ __all__ = [
     "PartitionInputError",
     "PgcpError",
     "Quality",
+    "Running",
     "SolveFailedError",
+    "StoppedError",
     "WeldFailedError",
     "check_mesh",
     "compute",
@@ -58,12 +63,13 @@ __all__ = [
     "write_mesh",
 ]
 _HOMES = {
-    "read_mesh": "io",
-    "write_mesh": "io",
+    "read_mesh": "io.read",
+    "write_mesh": "io.write",
     "Options": "options",
-    "check_mesh": "check",
-    "compute": "pipeline",
-    "parameterize": "pipeline",
+    "Running": "options",
+    "check_mesh": "api",
+    "compute": "api",
+    "parameterize": "api",
     "Mesh": "types",
     "Parameterization": "types",
     "Quality": "types",

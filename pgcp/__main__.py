@@ -1,6 +1,6 @@
 """``python -m pgcp`` is ``pgcp-run``."""
 
-from pgcp.cli import run
+from pgcp.cli.main import run
 
 if __name__ == "__main__":
     run()

@@ -1,145 +1,135 @@
-"""The whole of it, reading like PGCP Algorithm 3: split, flatten, weld, solve, assemble, measure."""
+"""The whole of it, reading like PGCP Algorithm 3: check, split, flatten, weld, solve, assemble, place, measure."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-import platform
 import uuid
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import asdict, fields, replace
-from functools import cache, partial
-from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from pgcp.assemble import placed
-from pgcp.attempts import map_mesh
-from pgcp.beltrami import covering_degree, find_folds, map_coefficients
-from pgcp.check import check_centre, check_mended, checked, fitting_target
-from pgcp.dirichlet import choose_backend
-from pgcp.distortion import conformal_energy
-from pgcp.errors import FoldError, InputError, NumericalError, PgcpError, StoppedError
-from pgcp.executors import DaskExecutor, Executor, LocalExecutor, Progress, Security, silent
-from pgcp.files import run_directory
-from pgcp.io import read_cuts, read_mesh
-from pgcp.mend import Mended, mend, unmended
-from pgcp.options import DISK_METHODS, RUNNING, Options
-from pgcp.parallel import at_once, limited_to
-from pgcp.plan import Plan, make_plan
-from pgcp.quality import measure_quality
-from pgcp.run import Clock, Mapped, Run
-from pgcp.tasks import Job, drop_run, warm_up
-from pgcp.topology import Topology
-from pgcp.types import Mesh, Parameterization
-
-_NO_BOUNDARY_TO_HOLD = (
-    "seams cannot be relaxed on a sphere: a closed surface has no boundary to hold, and harmonic maps of all of it collapse; "
-    "choose --seams weld or --seams exact"
-)
-_STORE_FORMAT = 2
-_PACKAGES = ("pgcp", "numpy", "scipy", "numba", "dask", "distributed", "pymetis", "mkl")
-
-
-def as_mesh(source: Any) -> Mesh:
-    """Mesh from a Mesh, a path, or an object with ``vertices`` and ``faces`` (a trimesh.Trimesh)."""
-    if isinstance(source, Mesh):
-        return source
-    if isinstance(source, (str, Path)):
-        return read_mesh(source)
-    if hasattr(source, "vertices") and hasattr(source, "faces"):
-        return Mesh(np.asarray(source.vertices, np.float64), np.asarray(source.faces, np.int64))
-    raise InputError(f"expected a mesh, a path or a trimesh, not {type(source).__name__}")
+from pgcp.elimination.dirichlet import choose_backend
+from pgcp.errors import InputError, PgcpError
+from pgcp.finish.place import Unplaced
+from pgcp.finish.quality import measure_quality
+from pgcp.intake.check import Geometry, inspect, inspect_mended
+from pgcp.intake.mend import Mended, unmended
+from pgcp.io.read import read_cuts
+from pgcp.methods.base import Method
+from pgcp.methods.registry import method_of
+from pgcp.options import Options, Running, plain_options
+from pgcp.parallel import limited_to
+from pgcp.patches.run import Run
+from pgcp.patches.warm_up import warm_up
+from pgcp.plane.space import map_coefficients
+from pgcp.report.record import run_report
+from pgcp.retry.course import Outcome, map_mesh
+from pgcp.runtime.cache import Owner, drop_run
+from pgcp.runtime.clock import Clock
+from pgcp.runtime.executors import Executor, LocalExecutor, Progress, make_executor
+from pgcp.runtime.job import Job
+from pgcp.runtime.resume import resumable, run_key
+from pgcp.runtime.sizing import Plan, make_plan
+from pgcp.runtime.versions import package_versions
+from pgcp.surface.topology import Topology, used_vertices
+from pgcp.targets.base import Target
+from pgcp.targets.fitting import Asked, check_options
+from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Parameterization, Quality
 
 
-def _executor(options: Options, run: str, progress: Progress) -> LocalExecutor | DaskExecutor:
-    if options.workers == 0 and options.scheduler is None and options.scheduler_file is None:
-        return LocalExecutor(progress, None if options.memory_limit_bytes is None else 1)
-    security = None if (files := options.tls_files) is None else Security(*files)
-    return DaskExecutor(run, options.workers, options.scheduler, options.scheduler_file, progress, security, warm_up)
+def map_surface(mesh_of: Callable[[], Mesh], asked: Options, running: Running, progress: Progress) -> Parameterization:
+    """Map a simply connected surface conformally to a target (PGCP Algorithm 3); ``mesh_of`` reads it.
 
-
-def _processors(options: Options) -> AbstractContextManager[None]:
-    """N workers on this machine mean N processors, between the stages that run on them as well."""
-    return limited_to(options.workers) if options.starts_workers else nullcontext()
-
-
-def _planned(mesh: Mesh, topology: Topology, options: Options, executor: Executor) -> Plan:
-    """Number of patches and size of the factor cache."""
-    workers = options.workers or (0 if isinstance(executor, LocalExecutor) else executor.describe()["workers"])
-    sizes = len(mesh.vertices), len(mesh.faces)
-    fewest = 1 if topology.loops else 2
-    return make_plan(*sizes, workers, options.patches, fewest, options.memory_limit_bytes, options.factor_cache_bytes)
-
-
-def _digest(array: np.ndarray) -> bytes:
-    digest = hashlib.blake2b(f"{array.shape} {array.dtype}".encode())
-    digest.update(array.view(np.uint8).data)
-    return digest.digest()
-
-
-def _run_key(mesh: Mesh, options: Options, patch_count: int, backend: str) -> str:
-    """What a run's results depend on, in short: the mesh, the options that matter, the versions. Stores are named by it."""
-    matters = {name: value for name, value in _plain(options).items() if name not in RUNNING}
-    digest = hashlib.blake2b(digest_size=12)
-    digest.update(json.dumps([matters, patch_count, backend, _versions(), _STORE_FORMAT], sort_keys=True).encode())
-    if options.cuts is not None:
-        digest.update(read_cuts(options.cuts).tobytes())
-    for array_digest in at_once(*(partial(_digest, array) for array in (mesh.vertices, mesh.faces))):
-        digest.update(array_digest)
-    return digest.hexdigest()
-
-
-@contextmanager
-def _resumable(options: Options, key: str) -> Iterator[Path]:
-    """The run's directory, kept where the run can be resumed; the error then says so."""
-    with run_directory(options.store, key, options.resume) as directory:
-        try:
-            yield directory.path
-        except (StoppedError, OSError) as problem:
-            directory.keep = any(directory.path.glob("*/*-*.npz"))
-            if isinstance(problem, StoppedError) and directory.keep:
-                where = f"what is finished is kept in {directory.path}; run again with --resume"
-                raise StoppedError(f"{problem}; {where}") from problem
-            raise
-        except (InputError, NumericalError):
-            raise
-        except BaseException:
-            directory.keep = options.resume
-            raise
-
-
-@cache
-def _versions() -> dict[str, str]:
-    out = {"python": platform.python_version()}
-    for name in _PACKAGES:
-        try:
-            out[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return out
-
-
-def _plain(options: Options) -> dict[str, Any]:
-    return {f.name: str(v) if isinstance(v := getattr(options, f.name), Path) else v for f in fields(Options)}
-
-
-def parameterize(source: Any, *, progress: Progress = silent, **options: Any) -> Parameterization:
-    """Map a simply connected surface conformally to the plane, the unit disk or the unit sphere (PGCP Algorithm 3).
-
-    source: a Mesh, a path, or a trimesh.Trimesh. options: those of ``Options`` (patches, 6 or fewer on a small
-    mesh; workers=0, target="auto", flatten="dncp", ...). progress(stage, done, total) is called as tasks finish.
-
-    Raises InputError (and its kinds) for input that cannot be mapped, NumericalError where a step fails; FoldError,
-    whose ``result`` holds the map, where the finished map has folded faces.
+    Split, flatten, weld and solve are the method's (``methods.pgcp``), constrain and place the target's.
     """
-    result = compute(source, Options(**options), progress)
-    if result.quality.folds:
-        raise FoldError(fold_message(result), result)
-    return result
+    with limited_to(running.workers) if running.starts_workers else nullcontext():
+        clock, name = Clock(), uuid.uuid4().hex[:12]
+        method, options = method_of(asked)
+        backend = choose_backend(options.backend)
+        with make_executor(running, name, progress, warm_up) as executor:
+            taken = _taken_in(mesh_of, method, options, clock)
+            plan = _planned(taken, running, executor)
+            clock.executor = executor
+            with resumable(running, run_key(taken.mesh, taken.options, taken.cuts, plan.patches, backend)) as directory:
+                run = _run(taken, plan, Job(Owner(name), directory, options.flatten, backend, plan.factor_cache_bytes), clock)
+                with _tidied(executor, name):
+                    outcome = map_mesh(run, method)
+            with clock.stage("place"):
+                coordinates, mu = _placed(run, outcome)
+            description = executor.describe()
+        clock.executor = LocalExecutor()
+        with clock.stage("measure"):
+            quality = _measured(taken.mesh, outcome.done.target, coordinates, mu)
+        where = {
+            "versions": dict(package_versions()),
+            "options": {**plain_options(asked), **plain_options(running)},
+            "backend": backend,
+            "threads": description["threads_per_worker"],
+            "executor": description,
+            "stages": clock.stages,
+            "tasks": executor.taken,
+        }
+        return _result(taken, outcome, coordinates, mu, quality, where)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Taken:
+    """A mesh that can be mapped, of about unit size at the origin, and what it was made from."""
+
+    mesh: Mesh
+    topology: Topology
+    geometry: Geometry
+    mended: Mended
+    target: Target
+    options: Options
+    cuts: IntArray | None
+
+
+def _taken_in(mesh_of: Callable[[], Mesh], method: Method, options: Options, clock: Clock) -> _Taken:
+    """Read the mesh, check or mend it, and see which target is meant."""
+    with clock.stage("read"):
+        mesh = mesh_of()
+    with clock.stage("check"):
+        asked_for = Asked(options.target, method.targets)
+        seen = inspect_mended(mesh, asked_for) if options.fix else inspect(mesh, asked_for)
+        topology, geometry = seen.accepted()
+        mended, target = seen.mended or unmended(mesh), asked_for.chosen(topology)
+        check_options(options, mesh, target)
+        options = _renumbered(options, mended)
+        cuts = None if options.cuts is None else read_cuts(options.cuts)
+        return _Taken(geometry.mesh, topology, geometry, mended, target, options, cuts)
+
+
+def _run(taken: _Taken, plan: Plan, job: Job, clock: Clock) -> Run:
+    """The run of a mesh that was taken in."""
+    job = replace(job, stores_operators=taken.options.seams == "relax")
+    mollification = taken.geometry.mollification
+    asked = taken.options, taken.cuts, plan.patches
+    return Run(taken.mesh, taken.topology, taken.target, mollification, *asked, job, clock.executor, clock)
+
+
+def _result(
+    taken: _Taken, outcome: Outcome, coordinates: FloatArray, mu: ComplexArray, quality: Quality, where: dict[str, Any]
+) -> Parameterization:
+    """The map in the surface's own unit, with its report."""
+    unit, mended, target = taken.geometry.unit, taken.mended, outcome.done.target
+    fixes = [fix.as_record() for fix in mended.fixes]
+    report = run_report(taken.mesh.bare, outcome, quality, taken.geometry.mollification * unit, fixes, where)
+    coordinates = coordinates * unit if target.keeps_scale else coordinates
+    patch = outcome.done.mapped.parts.split.labels[: len(mu)]
+    vertex_of, face_of = (mended.vertex_of, mended.face_of) if taken.options.fix else (None, None)
+    name = target.space.coordinates_name
+    return Parameterization(mended.mesh.bare, coordinates, patch, mu, quality, target.name, report, vertex_of, face_of, name)
+
+
+def _planned(taken: _Taken, running: Running, executor: Executor) -> Plan:
+    """Number of patches and size of the factor cache."""
+    workers = running.workers or executor.describe()["workers"]
+    sizes, fewest = (len(taken.mesh.vertices), len(taken.mesh.faces)), 1 if taken.topology.loops else 2
+    return make_plan(*sizes, workers, taken.options.patches, fewest, running.memory_limit_bytes, running.factor_cache_bytes)
 
 
 @contextmanager
@@ -151,29 +141,6 @@ def _tidied(executor: Executor, run: str) -> Iterator[None]:
         executor.everywhere(partial(drop_run, run))
         raise
     executor.everywhere(partial(drop_run, run))
-
-
-def fold_message(result: Parameterization) -> str:
-    """How many folds are left, where, and what was tried."""
-    points = result.coordinates if result.target == "sphere" else result.coordinates @ [1, 1j]
-    folded = find_folds(result.mesh.faces, points)
-    where = ", ".join(str(f) for f in folded[:5].tolist()) + (", ..." if len(folded) > 5 else "")
-    patches = np.unique(result.patch[folded]).tolist()
-    repairs = result.report["repairs"]
-    least = {r["method"]: min(s["folds_after"] for s in repairs if s["method"] == r["method"]) for r in repairs}
-    steps = ", ".join(f"{method} (to {folds})" for method, folds in least.items())
-    tried = f"{steps} of {repairs[0]['folds_before']}" if repairs else "none"
-    return (
-        f"the map has {len(folded)} folded faces of {len(result.mesh.faces)}: faces {where} in "
-        f"{'patch' if len(patches) == 1 else 'patches'} {', '.join(map(str, patches[:5]))}; repairs tried: {tried}"
-    )
-
-
-def _resolved(options: Options) -> Options:
-    """Options with what a method other than pgcp means: exact seams, or the disk."""
-    if options.method in ("dncp", "scp"):
-        return replace(options, method="pgcp", seams="exact", flatten=options.method, target="free")
-    return replace(options, target="disk") if options.method in DISK_METHODS else options
 
 
 def _renumbered(options: Options, mended: Mended) -> Options:
@@ -190,103 +157,23 @@ def _renumbered(options: Options, mended: Mended) -> Options:
     return replace(options, centre=centre)
 
 
-def compute(source: Any, options: Options, progress: Progress = silent) -> Parameterization:
-    """As ``parameterize``, but a map with folds is returned like any other: its quality says so."""
-    with _processors(options):
-        return _computed(source, options, progress)
+def _placed(run: Run, outcome: Outcome) -> tuple[FloatArray, ComplexArray]:
+    """Coordinates (V, 2) or (V, 3) in the target's customary position, and mu (F,) of all faces but filler."""
+    done, mesh, centre = outcome.done, run.mesh.bare, run.options.centre
+    space = done.target.space
+    coordinates = done.target.place(Unplaced(mesh, done.points, run.boundary, used_vertices(mesh)), centre)
+    mu = done.mapped.mu[: len(mesh.faces)].copy()
+    changed = done.changed_faces if centre is None else np.arange(len(mesh.faces))
+    changed = changed[changed < len(mesh.faces)]
+    mu[changed] = map_coefficients(space, mesh, mesh.faces[changed], space.positions(coordinates))
+    return coordinates, mu
 
 
-def _computed(source: Any, options: Options, progress: Progress) -> Parameterization:
-    clock = Clock()
-    asked, options = options, _resolved(options)
-    name = uuid.uuid4().hex[:12]
-    backend = choose_backend(options.backend)
-    with _executor(options, name, progress) as executor:
-        with clock.stage("read"):
-            mesh = as_mesh(source)
-        with clock.stage("check"):
-            mended = mend(mesh, options.target) if options.fix else unmended(mesh)
-            topology, geometry = check_mended(mended, options.target) if options.fix else checked(mesh, options.target)
-            target = fitting_target(mesh.name, topology, options.target)
-            if options.seams == "relax" and target == "sphere":
-                raise InputError(_NO_BOUNDARY_TO_HOLD)
-            check_centre(mesh, options.centre, options.moebius, target)
-            options = _renumbered(options, mended)
-            mesh, unit, mollification = geometry.mesh, geometry.unit, geometry.mollification
-            plan = _planned(mesh, topology, options, executor)
-            key = _run_key(mesh, options, plan.patches, backend)
-        clock.executor = executor
-        with _resumable(options, key) as directory:
-            job = Job(name, directory, options.flatten, backend, plan.factor_cache_bytes, options.seams == "relax")
-            run = Run(mesh, topology, target, mollification, options, plan.patches, job, executor, clock)
-            with _tidied(executor, name):
-                outcome = map_mesh(run)
-        done, mapped = outcome.done, outcome.done.mapped
-        target = mapped.target
-        with clock.stage("place"):
-            whole, mesh = mesh, mesh.bare
-            coordinates = placed(mesh, done.points, target, run.boundary, options.centre)
-            changed = done.changed_faces if options.centre is None else np.arange(len(mesh.faces))
-            changed = changed[changed < len(mesh.faces)]
-            mapped.mu[changed] = map_coefficients(mesh, mesh.faces[changed], coordinates)
-        description = executor.describe()
-    clock.executor = LocalExecutor()
-    with clock.stage("measure"):
-        mu, patch = mapped.mu[: len(mesh.faces)], mapped.parts.split.labels[: len(mesh.faces)]
-        quality = measure_quality(mesh, coordinates, mu)
-        if target == "disk":
-            quality = replace(quality, conformal_energy=conformal_energy(mesh, coordinates[:, 0] + 1j * coordinates[:, 1]))
-        if target == "sphere" and whole.filler:
-            quality = replace(quality, degree=covering_degree(whole.faces, coordinates))
-    if target == "free":
-        coordinates = coordinates * unit
-    report = {
-        "mesh": {"name": mesh.name, "vertices": len(mesh.vertices), "faces": len(mesh.faces)},
-        "versions": dict(_versions()),
-        "options": _plain(asked),
-        "seed": mapped.parts.seed,
-        "backend": backend,
-        "threads": description["threads_per_worker"],
-        "executor": description,
-        "stages": clock.stages,
-        "tasks": executor.taken,
-        "patches": _patch_rows(mapped),
-        "welds": list(mapped.welds),
-        "retries": outcome.failures,
-        "mollification": mollification * unit,
-        "seams": mapped.seams_by,
-        "interface": mapped.interface,
-        "iterations": list(mapped.iterations),
-        "converged": mapped.converged,
-        "boundary_points": int(mapped.parts.split.edges.parts.sum()),
-        "target": target,
-        "smallest_gap": mapped.seams.smallest_gap,
-        "spread_points": mapped.seams.spread_count,
-        "correction": asdict(done.correction) if done.correction is not None else None,
-        "repairs": [asdict(repair) for repair in done.repaired.records],
-        "overlap": outcome.overlap,
-        "fallback": outcome.fallback,
-        "fixes": [fix.as_record() for fix in mended.fixes],
-        "quality": asdict(quality),
-        "status": "good" if quality.folds == 0 else "folded",
-    }
-    lines_up = (mended.vertex_of, mended.face_of) if options.fix else (None, None)
-    return Parameterization(mended.mesh.bare, coordinates, patch, mu, quality, target, report, *lines_up)
-
-
-def _patch_rows(mapped: Mapped) -> list[dict[str, Any]]:
-    """What the report says of every patch; of an embedding as a whole, which solves no patch, only what they are."""
-    rows: list[dict[str, Any]] = [
-        {"index": p.index, "vertices": p.vertex_count, "faces": p.face_count, "boundary": len(p.boundary_ids)}
-        for p in mapped.parts.patches
-    ]
-    for row, pieces, solved in zip(rows, mapped.pieces, mapped.solved, strict=False):
-        row |= {
-            "pieces": pieces,
-            "folds": solved.fold_count,
-            "folds_before_raising": solved.first_fold_count,
-            "raised_weights": solved.raised_weights,
-            "mu_max": solved.mu_max,
-            "reused_factor": solved.reused_factor,
-        }
-    return rows
+def _measured(mesh: Mesh, target: Target, coordinates: FloatArray, mu: ComplexArray) -> Quality:
+    """Quality of a map of the mesh without its filler; that is part of what covers a sphere."""
+    quality = measure_quality(mesh.bare, target.space, coordinates, mu)
+    if target.energy is not None:
+        quality = replace(quality, conformal_energy=target.energy(mesh.bare, coordinates))
+    if mesh.filler:
+        quality = replace(quality, degree=target.space.degree(mesh.faces, target.space.positions(coordinates)))
+    return quality

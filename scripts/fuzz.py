@@ -107,7 +107,7 @@ def _fuzz_one(kind: str, corpus: Path, seconds: int) -> None:
     import atheris
 
     with atheris.instrument_imports(include=["pgcp.io", "pgcp.types"]):
-        from pgcp.io import read_cuts, read_mesh
+        from pgcp.io.read import read_cuts, read_mesh
     from pgcp.errors import InputError
 
     folder = Path(tempfile.mkdtemp(dir="/dev/shm" if Path("/dev/shm").is_dir() else None))

@@ -108,8 +108,9 @@ def _noting(write):
 
 def watch():
     """Have the tasks of this process, and what follows the second pass, log and wait; returns how to undo it."""
-    from pgcp import by_welds, tasks
-    from pgcp.store import PatchStore
+    from pgcp.methods import pgcp as by_welds
+    from pgcp.patches import tasks
+    from pgcp.runtime.store import PatchStore
 
     before = [(PatchStore, "write", PatchStore.write)]
     PatchStore.write = _noting(PatchStore.write)
@@ -137,13 +138,15 @@ def dask_setup(_worker):
 
 def main():
     """The command, with a log of what has arrived in its own process."""
-    from pgcp import cli, executors
+    from pgcp.cli import main as cli
+    from pgcp.cli import terminal
+    from pgcp.runtime.executors.connection import Connection
 
     def arrived(_bars, stage, done, total):
         note(Path(), "at", stage, done, total)
 
-    cli._Bars.__call__ = arrived
-    executors.DaskExecutor.patience_s = float(os.environ.get(PATIENCE, executors.DaskExecutor.patience_s))
+    terminal.Bars.__call__ = arrived
+    Connection.patience_s = float(os.environ.get(PATIENCE, Connection.patience_s))
     cli.run()
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pgcp.mobius import sphere_points
+from pgcp.plane.mobius import sphere_points
 
 
 def homogeneous(points):

@@ -7,12 +7,14 @@ import threading
 import numpy as np
 import pytest
 from meshes import cap, icosphere
+from pgcp.partition.straighten import _rounds
 
-from partition import partition_faces
-from partition.straighten import _rounds
-from pgcp import natural, parallel, weld, zipper
+from pgcp import parallel
 from pgcp.parallel import at_once, beside, in_parts, in_slices, limited_to, processor_count
-from pgcp.topology import examine
+from pgcp.partition import partition_faces
+from pgcp.patches import weld
+from pgcp.plane import natural, zipper
+from pgcp.surface.topology import examine
 
 
 @pytest.fixture(autouse=True)

@@ -19,14 +19,19 @@ from meshes import cap, grid, lifted, similarity_error, spheroid
 
 import pgcp
 from pgcp import errors
-from pgcp.executors import DaskExecutor, Join, Joining, LocalExecutor, Spare
-from pgcp.forks import prepare_forks
+from pgcp.interface import whole_mesh
+from pgcp.methods import pgcp as welds
 from pgcp.parallel import limited_to, processor_count
-from pgcp.split import plans, split_mesh
-from pgcp.tasks import FactorCache, Job, weld_task
-from pgcp.topology import examine
+from pgcp.patches.plan import plans
+from pgcp.patches.split import split_mesh
+from pgcp.patches.tasks import weld_task
+from pgcp.patches.weld import Component
+from pgcp.runtime.cache import FactorCache, FactorKey, Owner
+from pgcp.runtime.executors import EXECUTORS, DaskExecutor, ExecutorKind, Join, JoinTree, LocalExecutor, Speculation, Tasks
+from pgcp.runtime.forks import prepare_forks
+from pgcp.runtime.job import Job
+from pgcp.surface.topology import examine
 from pgcp.types import Mesh
-from pgcp.weld import Component
 
 
 @pytest.mark.parametrize("patches", [1, 2, 5, 9])
@@ -201,19 +206,19 @@ def test_little_passes_through_the_scheduler(cluster, reference):
     sizes = []
 
     class Watched(DaskExecutor):
-        def map(self, stage, function, items, *more):
-            results = super().map(stage, function, items, *more)
-            sizes.append((stage, len(pickle.dumps((function, list(items)))), len(pickle.dumps(results))))
+        def map(self, tasks, *more):
+            results = super().map(tasks, *more)
+            sizes.append((tasks.stage, len(pickle.dumps((tasks.function, list(tasks.items)))), len(pickle.dumps(results))))
             return results
 
-    from pgcp import pipeline
+    def make(running, run, *_):
+        return Watched(run, scheduler=running.scheduler)
 
-    original = pipeline.DaskExecutor
-    pipeline.DaskExecutor = Watched
+    EXECUTORS.register(ExecutorKind("watched", "", make, has_workers=True))
     try:
-        pgcp.parameterize(mesh, patches=6, scheduler=address)
+        pgcp.parameterize(mesh, patches=6, scheduler=address, executor="watched")
     finally:
-        pipeline.DaskExecutor = original
+        EXECUTORS.remove("watched")
     assert max(out for stage, _, out in sizes if stage in ("flatten", "solve")) < 0.5 * mesh.vertices.nbytes * 6
     assert max(max(row[1:]) for row in sizes) < 10_000_000
 
@@ -229,28 +234,47 @@ def executor(request):
             yield made
 
 
-def joined_by(function):
+def joined_by(executor, function):
     """A tree of joins of what negated numbers 1 to 4 give, and the function that gives it."""
-    joining = Joining("join", [Join(0, 1, 4, sum), Join(2, 3, 5, function), Join(4, 5, 6, sum)])
+    joining = executor.join(JoinTree("join", [Join(0, 1, 4, sum), Join(2, 3, 5, function), Join(4, 5, 6, sum)]))
     return joining, lambda result: joining.put(-result - 1, result)
 
 
 def test_joins_begin_with_what_is_mapped(executor):
-    joining, put = joined_by(sum)
-    assert executor.map("negate", operator.neg, [1, 2, 3, 4], each=put, beside=joining) == [-1, -2, -3, -4]
-    assert executor.join(joining) == {6: -10}
+    joining, put = joined_by(executor, sum)
+    assert executor.map(Tasks("negate", operator.neg, [1, 2, 3, 4]), put) == [-1, -2, -3, -4]
+    assert joining.results() == {6: -10}
     assert {stage: record["count"] for stage, record in executor.taken.items()} == {"negate": 4, "join": 3}
 
 
 def test_a_join_that_fails_does_not_keep_the_rest_from_being_mapped(executor):
-    joining, put = joined_by(operator.itemgetter(2))
-    assert executor.map("negate", operator.neg, [1, 2, 3, 4], each=put, beside=joining) == [-1, -2, -3, -4]
+    joining, put = joined_by(executor, operator.itemgetter(2))
+    assert executor.map(Tasks("negate", operator.neg, [1, 2, 3, 4]), put) == [-1, -2, -3, -4]
     with pytest.raises(IndexError):
-        executor.join(joining)
-    assert executor.map("negate", operator.neg, [5]) == [-5]
+        joining.results()
+    assert executor.map(Tasks("negate", operator.neg, [5])) == [-5]
 
 
-def held_join(spares, is_over):
+def test_a_tree_ends_with_its_results_with_an_error_and_with_the_next_tree(executor):
+    def begun():
+        joining, put = joined_by(executor, sum)
+        for number in (1, 2, 3, 4):
+            put(-number)
+        return joining
+
+    finished = begun()
+    assert finished.results() == {6: -10}
+    failed = begun()
+    with pytest.raises(ZeroDivisionError):
+        executor.map(Tasks("invert", lambda x: 1 / x, [0]))
+    replaced, last = begun(), begun()
+    for joining in (finished, failed, replaced):
+        with pytest.raises(ValueError, match="has ended"):
+            joining.results()
+    assert last.results() == {6: -10}
+
+
+def held_join(executor, offers, is_over):
     """A join of two numbers that waits for something, and what idle workers may do meanwhile."""
 
     def held_sum(pair):
@@ -259,18 +283,19 @@ def held_join(spares, is_over):
             time.sleep(0.02)
         return sum(pair)
 
-    joining = Joining("join", [Join(0, 1, 2, held_sum)])
-    joining.spares = spares
+    joining = executor.join(JoinTree("join", [Join(0, 1, 2, held_sum)]))
+    for work in offers:
+        executor.speculate(work)
     joining.put(0, 5)
     joining.put(1, 6)
-    return joining
+    return joining.results()
 
 
-def test_idle_workers_do_spare_work_where_a_task_then_finds_it(cluster, tmp_path):
+def test_idle_workers_do_speculative_work_where_a_task_then_finds_it(cluster, tmp_path):
     begun, finding = tmp_path / "begun", tmp_path / "finding"
 
     def prepare(name):
-        if name == "SPARE8":
+        if name == "PLACE8":
             begun.touch()
             deadline = time.monotonic() + 20
             while not finding.exists() and time.monotonic() < deadline:
@@ -288,16 +313,16 @@ def test_idle_workers_do_spare_work_where_a_task_then_finds_it(cluster, tmp_path
 
     address, _ = cluster
     with DaskExecutor("test", scheduler=address, progress=progress) as executor:
-        spares = [Spare(place, prepare, f"SPARE{place}") for place in (7, 8, 9)]
-        assert executor.join(held_join(spares, begun.exists)) == {2: 11}
-        assert executor.map("find", find, ["SPARE8"], [8]) == ["prepared"]  # that was still under way
-        assert executor.map("find", find, ["SPARE9"], [9]) == ["prepared"]
-        assert executor.map("find", find, ["SPARE7"], [7]) == [None]
+        offers = [Speculation("prepare", place, prepare, f"PLACE{place}") for place in (7, 8, 9)]
+        assert held_join(executor, offers, begun.exists) == {2: 11}
+        assert executor.map(Tasks("find", find, ["PLACE8"], [8])) == ["prepared"]  # that was still under way
+        assert executor.map(Tasks("find", find, ["PLACE9"], [9])) == ["prepared"]
+        assert executor.map(Tasks("find", find, ["PLACE7"], [7])) == [None]
     assert executor.taken["prepare"]["count"] == 2
 
 
 @pytest.mark.parametrize("fails", [False, True])
-def test_spare_work_ends_where_it_is_not_kept(fails, cluster, tmp_path):
+def test_speculative_work_ends_where_it_is_not_kept(fails, cluster, tmp_path):
     tried = tmp_path / "tried"
 
     def prepare(_):
@@ -313,12 +338,13 @@ def test_spare_work_ends_where_it_is_not_kept(fails, cluster, tmp_path):
 
     address, _ = cluster
     with DaskExecutor("test", scheduler=address) as executor:
-        assert executor.join(held_join([Spare(place, prepare, place) for place in range(5)], is_over)) == {2: 11}
-        assert executor.map("negate", operator.neg, [1, 4], [1, 4]) == [-1, -4]
+        offers = [Speculation("prepare", place, prepare, place) for place in range(5)]
+        assert held_join(executor, offers, is_over) == {2: 11}
+        assert executor.map(Tasks("negate", operator.neg, [1, 4], [1, 4])) == [-1, -4]
     assert tried.read_text() == "x"
 
 
-def test_no_spare_work_begins_after_a_join_has_failed(cluster, tmp_path):
+def test_no_speculative_work_begins_after_a_join_has_failed(cluster, tmp_path):
     begun = tmp_path / "begun"
 
     def prepare(_):
@@ -326,20 +352,21 @@ def test_no_spare_work_begins_after_a_join_has_failed(cluster, tmp_path):
         return True
 
     address, _ = cluster
-    joining = Joining("join", [Join(0, 1, 2, operator.itemgetter(2)), Join(2, 3, 4, sum)])
-    joining.spares = [Spare(place, prepare, place) for place in range(5, 9)]
-    joining.put(0, 5)
-    joining.put(1, 6)
     with DaskExecutor("test", scheduler=address) as executor:
-        executor.map("sleep", time.sleep, [1.5], beside=joining)
+        joining = executor.join(JoinTree("join", [Join(0, 1, 2, operator.itemgetter(2)), Join(2, 3, 4, sum)]))
+        for place in range(5, 9):
+            executor.speculate(Speculation("prepare", place, prepare, place))
+        joining.put(0, 5)
+        joining.put(1, 6)
+        executor.map(Tasks("sleep", time.sleep, [1.5]))
         with pytest.raises(IndexError):
-            executor.join(joining)
+            joining.results()
     assert not begun.exists()
 
 
-def test_a_single_worker_does_no_spare_work():
+def test_a_single_worker_does_no_speculative_work():
     with DaskExecutor("test", 1) as executor:
-        assert executor.join(held_join([Spare(7, operator.truth, 1)], lambda: True)) == {2: 11}
+        assert held_join(executor, [Speculation("prepare", 7, operator.truth, 1)], lambda: True) == {2: 11}
     assert set(executor.taken) == {"join"}
 
 
@@ -349,7 +376,8 @@ def test_errors_cross_processes(cluster, tmp_path):
     edges = np.column_stack([triangle, np.roll(triangle, -1)])
     one, other = (Component(triangle + k, np.array([0, 1, 1j]), triangle, edges, np.ones(3), 99) for k in (0, 10))
     with DaskExecutor("test", scheduler=address) as executor, pytest.raises(errors.WeldFailedError, match="share 0 points"):
-        executor.map("weld", partial(weld_task, Job("test", tmp_path, "dncp", "nested", 0), "union", 2, False), [(one, other)])
+        task = partial(weld_task, Job(Owner("test"), tmp_path, "dncp", "nested", 0), "union", 2, False)
+        executor.map(Tasks("weld", task, [(one, other)]))
 
 
 def _surroundings(_item):
@@ -358,7 +386,7 @@ def _surroundings(_item):
     quiet = dask.config.get("distributed.worker.profile.enabled"), dask.config.get("distributed.admin.tick.interval")
     garbage = gc.get_threshold()[0] > 10_000, gc.get_freeze_count() > 10_000
     given = os.environ["OMP_NUM_THREADS"], os.environ["MALLOC_ARENA_MAX"]
-    return os.getpid(), "pgcp.warmed" in sys.modules, garbage, given, quiet
+    return os.getpid(), "pgcp.patches.preload" in sys.modules, garbage, given, quiet
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="workers are forked on Linux only")
@@ -367,7 +395,7 @@ def test_local_workers_are_forked_warm_and_are_left_in_peace():
     prepare_forks()
     assert dict(os.environ) == before
     with DaskExecutor("test", 2) as executor:
-        found = executor.map("look", _surroundings, [0, 1])
+        found = executor.map(Tasks("look", _surroundings, [0, 1]))
     assert os.getpid() not in {pid for pid, *_ in found}
     assert [rest for _, *rest in found] == 2 * [[True, (True, True), ("1", "1"), (False, "1s")]]
 
@@ -376,7 +404,7 @@ def test_workers_without_this_package_are_said(cluster):
     """A function the scheduler's side cannot import, as when the package is missing there."""
     address, _ = cluster
     with DaskExecutor("test", scheduler=address) as executor, pytest.raises(errors.InputError, match="install pgcp"):
-        executor.map("fail", test_errors_cross_processes, [1])
+        executor.map(Tasks("fail", test_errors_cross_processes, [1]))
 
 
 def test_no_scheduler_at_the_address_is_said():
@@ -388,7 +416,7 @@ def test_no_scheduler_at_the_address_is_said():
 def test_local_progress_and_description(at_once, kind):
     seen = []
     with LocalExecutor(lambda *args: seen.append(args), at_once) as executor:
-        assert executor.map("square", lambda x: x * x, [1, 2, 3]) == [1, 4, 9]
+        assert executor.map(Tasks("square", lambda x: x * x, [1, 2, 3])) == [1, 4, 9]
         assert executor.describe() == {"kind": kind, "workers": 0, "threads_per_worker": at_once}
         assert executor.peak_bytes() > 1_000_000
         assert executor.taken["square"]["count"] == 3
@@ -404,11 +432,11 @@ def test_local_tasks_run_at_the_same_time_on_a_share_of_the_processors_each():
 
     with limited_to(5), LocalExecutor(at_once=2) as executor:
         share = max(1, processor_count() // 2)
-        assert executor.map("meet", meet, [1, 2, 3, 4]) == [(1, share), (2, share), (3, share), (4, share)]
-        joins = Joining("meet", [Join(0, 1, 4, meet), Join(2, 3, 5, meet)])
+        assert executor.map(Tasks("meet", meet, [1, 2, 3, 4])) == [(1, share), (2, share), (3, share), (4, share)]
+        joins = executor.join(JoinTree("meet", [Join(0, 1, 4, meet), Join(2, 3, 5, meet)]))
         for number, name in enumerate("abcd"):
             joins.put(number, name)
-        assert {pair for pair, _ in executor.join(joins).values()} == {("a", "b"), ("c", "d")}
+        assert {pair for pair, _ in joins.results().values()} == {("a", "b"), ("c", "d")}
 
 
 @pytest.mark.parametrize("seams", ["weld", "exact"])
@@ -416,8 +444,8 @@ def test_threads_give_the_bits_of_tasks_one_after_the_other(seams, monkeypatch):
     mesh = lifted(grid(30, jitter=0.2))
     found = []
     for at_once in (1, 3):
-        monkeypatch.setattr("pgcp.executors.local._MOST_AT_ONCE", at_once)
-        monkeypatch.setattr("pgcp.executors.local.processor_count", lambda: 3)
+        monkeypatch.setattr("pgcp.runtime.executors.threads._MOST_AT_ONCE", at_once)
+        monkeypatch.setattr("pgcp.runtime.executors.threads.processor_count", lambda: 3)
         result = pgcp.parameterize(mesh, patches=5, seams=seams)
         assert result.report["threads"] == at_once
         found.append((result.coordinates.tobytes(), result.mu.tobytes()))
@@ -435,11 +463,15 @@ def test_a_callback_that_stops_a_run_stops_its_threads():
         if done == 1:
             raise KeyboardInterrupt
 
-    joining = Joining("work", [Join(2 * k, 2 * k + 1, 100 + k, work) for k in range(40)])
-    for name in range(80):
-        joining.put(name, name)
     executor = LocalExecutor(progress, 2)
-    for run in (lambda: executor.map("work", work, list(range(40))), lambda: executor.join(joining)):
+
+    def join():
+        joining = executor.join(JoinTree("work", [Join(2 * k, 2 * k + 1, 100 + k, work) for k in range(40)]))
+        for name in range(80):
+            joining.put(name, name)
+        return joining.results()
+
+    for run in (lambda: executor.map(Tasks("work", work, list(range(40)))), join):
         begun.clear()
         with pytest.raises(KeyboardInterrupt):
             run()
@@ -461,7 +493,7 @@ def test_what_goes_wrong_in_a_local_task_is_said_and_begins_no_more(at_once):
         LocalExecutor(at_once=at_once) as executor,
         pytest.raises(errors.SolveFailedError, match="stage try ran out of memory"),
     ):
-        executor.map("try", fails, list(range(50)))
+        executor.map(Tasks("try", fails, list(range(50))))
     assert len(begun) < 10
 
 
@@ -473,43 +505,45 @@ class Held:
         self.released = True
 
 
+def key(run, patch):
+    return FactorKey(Owner(run), patch)
+
+
 def test_the_factor_cache_is_bounded_and_drops_the_oldest_of_other_runs():
     cache = FactorCache()
     a, b, c, huge = Held(40), Held(40), Held(40), Held(1000)
     for run, factor in zip("abc", (a, b, c), strict=True):
-        cache.put((run, 0), factor, 100)
+        cache.put(key(run, 0), factor, 100)
     assert a.released
     assert not b.released
     assert cache.nbytes == 80
-    cache.put(("c", 1), huge, 100)
+    cache.put(key("c", 1), huge, 100)
     assert huge.released
-    assert cache.take(("a", 0)) is None
-    assert cache.take(("b", 0)) is b
-    assert cache.take(("b", 0)) is None
-    assert cache.has_room("c", 100, 60)
-    assert not cache.has_room("c", 100, 61)
+    assert cache.take(key("a", 0)) is None
+    assert cache.take(key("b", 0)) is b
+    assert cache.take(key("b", 0)) is None
+    assert cache.has_room(Owner("c"), 100, 60)
+    assert not cache.has_room(Owner("c"), 100, 61)
     late = Held(61)  # those of its own run do not give way
-    assert not cache.put(("c", 2), late, 100)
+    assert not cache.put(key("c", 2), late, 100)
     assert late.released
-    assert cache.holds(("c", 0))
-    assert cache.take(("c", 0)) is c
-    assert not cache.holds(("c", 0))
+    assert cache.holds(key("c", 0))
+    assert cache.take(key("c", 0)) is c
+    assert not cache.holds(key("c", 0))
 
 
 def test_the_factor_cache_keeps_nothing_more_of_a_run_that_is_over():
     cache = FactorCache()
     held, late, other = Held(40), Held(40), Held(40)
-    assert cache.put(("run-1", 0), held, 100)
+    assert cache.put(FactorKey(Owner("run", "6-0", "exact"), 0), held, 100)
     cache.drop("run")
-    assert not cache.put(("run-1", 1), late, 100)
-    assert cache.put(("other", 1), other, 100)
+    assert not cache.put(FactorKey(Owner("run", "6-0"), 1), late, 100)
+    assert cache.put(key("running", 1), other, 100)
     assert [factor.released for factor in (held, late, other)] == [True, True, False]
 
 
 def fail_first_welds(monkeypatch, times, exact=True):
-    from pgcp import attempts
-
-    original, calls = attempts.weld, []
+    original, calls = welds.weld, []
 
     def failing(*arguments):
         calls.append(1)
@@ -520,9 +554,9 @@ def fail_first_welds(monkeypatch, times, exact=True):
     def never(*_):
         raise errors.SolveFailedError("made to fail, too")
 
-    monkeypatch.setattr(attempts, "weld", failing)
+    monkeypatch.setattr(welds, "weld", failing)
     if not exact:
-        monkeypatch.setattr(attempts, "map_exactly", never)
+        monkeypatch.setattr(whole_mesh, "eliminated", never)
     return calls
 
 
@@ -589,6 +623,9 @@ def test_a_weld_that_fails_every_time_is_an_error(monkeypatch, hills):
         ({"target": "moon"}, "unknown target 'moon'"),
         ({"backend": "magic"}, "unknown sparse backend"),
         ({"patches": 10_000}, "10000 patches were asked for"),
+        ({"executor": "magic"}, "unknown executor 'magic'; choose from dask, threads"),
+        ({"executor": "threads", "workers": 2}, "the executor threads has no workers"),
+        ({"executor": "dask"}, "the executor dask needs workers or a scheduler"),
         ({"scheduler": "a", "scheduler_file": Path("b")}, "not both"),
         ({"factor_cache_bytes": -1}, "factor_cache_bytes"),
     ],
@@ -684,10 +721,10 @@ def test_unused_vertices_stay_in_the_order():
 
 
 def test_a_map_with_folds_is_not_passed_off_as_good(hills, monkeypatch):
-    from pgcp import run
+    from pgcp.patches import stored
 
     monkeypatch.setattr(
-        run, "collect", lambda mesh, parts, target: ((mesh.vertices @ [1, -1j, 0]), np.zeros(len(mesh.faces), complex))
+        stored, "collect", lambda mesh, parts, space: ((mesh.vertices @ [1, -1j, 0]), np.zeros(len(mesh.faces), complex))
     )
     with pytest.raises(errors.FoldError, match="folded faces of 1152") as caught:
         pgcp.parameterize(hills, patches=2)

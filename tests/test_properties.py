@@ -10,7 +10,7 @@ from meshes import icosphere
 from scipy.spatial import ConvexHull, Delaunay
 
 import pgcp
-from pgcp.topology import examine
+from pgcp.surface.topology import examine
 from pgcp.types import Mesh
 
 SEEDS = st.integers(0, 2**32 - 1)

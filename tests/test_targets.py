@@ -10,18 +10,21 @@ from meshes import cap, grid, icosphere, lifted, spheroid, tetrahedron
 from oracles import moebius_distance
 
 import pgcp
-from pgcp.beltrami import folded_faces_on_sphere
-from pgcp.constrain import constrain_to_disk, constrain_to_sphere
-from pgcp.dirichlet import choose_backend, eliminate_interior
+from pgcp.elimination.dirichlet import choose_backend, eliminate_interior
 from pgcp.errors import CrowdedError, SolveFailedError, WeldFailedError
-from pgcp.mobius import boost
-from pgcp.operators import cotangent_laplacian, cotangents, needed_mollification, positive_laplacian
-from pgcp.solve import solve_patch
-from pgcp.split import cut_patch, plan_welds, split_mesh
-from pgcp.tasks import factor_patch, flatten_simply
-from pgcp.topology import examine
-from pgcp.types import Component, Mesh, Patch
-from pgcp.weld import run_welds, start_component, weld_closed
+from pgcp.patches.constrain import constrain_to_disk, constrain_to_sphere
+from pgcp.patches.flatten import factor_patch, flatten_simply
+from pgcp.patches.plan import plan_welds
+from pgcp.patches.solve import solve_patch
+from pgcp.patches.split import cut_patch, split_mesh
+from pgcp.patches.types import Component, Patch
+from pgcp.patches.weld import run_welds, start_component, weld_closed
+from pgcp.plane.mobius import boost
+from pgcp.plane.space import PLANE, SPHERE
+from pgcp.surface.beltrami import folded_faces_on_sphere
+from pgcp.surface.operators import cotangent_laplacian, cotangents, needed_mollification, positive_laplacian
+from pgcp.surface.topology import examine
+from pgcp.types import Mesh
 
 
 def rays(n, which):
@@ -240,7 +243,7 @@ def test_the_chart_of_a_flat_patch_is_the_plane_itself():
     mesh = grid(9, jitter=0.3)
     patch = one_patch(mesh)
     z = mesh.vertices @ [1, 1j, 0]
-    solved = solve_patch(patch, z[patch.boundary], factor_patch(patch, "superlu"), "superlu")
+    solved = solve_patch(PLANE, patch, z[patch.boundary], factor_patch(patch, "superlu"), "superlu")
     assert np.abs(solved.points - z).max() < 1e-13
 
 
@@ -249,7 +252,7 @@ def test_a_squeezed_patch_is_solved_in_a_chart_that_opens_it():
     patch = one_patch(mesh)
     exact = 1 / (mesh.vertices @ [1, 1j, 0] + 0.1 + 0.1j)
     factor = factor_patch(patch, "superlu")
-    solved = solve_patch(patch, exact[patch.boundary], factor, "superlu")
+    solved = solve_patch(PLANE, patch, exact[patch.boundary], factor, "superlu")
     plain = factor.extend(exact[patch.boundary])
     assert solved.fold_count == 0
     assert np.abs(solved.points - exact).max() < 0.7 * np.abs(plain - exact).max()
@@ -259,7 +262,7 @@ def test_a_patch_that_covers_the_whole_sphere_has_no_chart():
     mesh = grid(2)
     patch = one_patch(mesh)
     with pytest.raises(SolveFailedError):
-        solve_patch(patch, np.tile([0.0, 0.0, 1.0], (8, 1)), factor_patch(patch, "superlu"), "superlu")
+        solve_patch(SPHERE, patch, np.tile([0.0, 0.0, 1.0], (8, 1)), factor_patch(patch, "superlu"), "superlu")
 
 
 def skewed(seed):
@@ -281,7 +284,7 @@ def test_positive_weights_undo_folds_where_they_are_needed(seed):
     off = laplacian - laplacian.multiply(np.eye(laplacian.shape[0]))
     assert off.max() <= 0
     without = eliminate_interior(cotangent_laplacian(patch.vertices, patch.faces), patch.boundary, "superlu")
-    solved = solve_patch(patch, circle, without, "superlu")
+    solved = solve_patch(PLANE, patch, circle, without, "superlu")
     assert solved.first_fold_count > 2  # the cotangent weights alone fold
     assert solved.raised_weights > 0
     assert solved.fold_count <= 2

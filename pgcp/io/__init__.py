@@ -1,8 +1,4 @@
-"""Reading meshes and writing maps. Vertex and face order are those of the file."""
+"""Meshes and maps in files, each format in a file of its own; files written whole or not at all.
 
-from __future__ import annotations
-
-from pgcp.io.read import READABLE, read_cuts, read_mesh
-from pgcp.io.write import write_mesh, write_outputs
-
-__all__ = ["READABLE", "read_cuts", "read_mesh", "write_mesh", "write_outputs"]
+Imports the ground only. Doors: ``formats``, ``read.read_mesh``, ``write.write_outputs``, ``files``.
+"""

@@ -11,14 +11,17 @@ import json
 import math
 import re
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from functools import partial
 from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
 
 from pgcp.errors import BadFileError
+from pgcp.io.formats import Beside, Format, register
 from pgcp.io.text import joined, shown
+from pgcp.io.trimesh_bridge import write_by_trimesh
 from pgcp.types import FloatArray, IntArray
 
 _GLB_HEAD, _JSON, _BIN = 12, 0x4E4F534A, 0x004E4942
@@ -27,7 +30,6 @@ _INDEX_KINDS = {5121: "<u1", 5123: "<u2", 5125: "<u4"}
 _FLOAT = 5126
 _COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_mesh_quantization")
 _MOST = 2**53
-Beside = Callable[[str], bytes]  # the bytes of a file in the mesh's folder
 
 
 def read_gltf(data: bytes, beside: Beside) -> tuple[FloatArray, IntArray]:
@@ -283,3 +285,25 @@ def _floats(value: Any, count: int, what: str) -> FloatArray:
     if not good:
         raise BadFileError(f"{what} is {_said(value)}, not {count} numbers")
     return np.array(value, np.float64)
+
+
+register(
+    Format(
+        name="glb",
+        suffixes=(".glb",),
+        summary="the triangles of a binary glTF 2.0 scene; written with the map in the plane as TEXCOORD_0, in 32-bit floats",
+        read=read_gltf,
+        write=partial(write_by_trimesh, kind="glb"),
+        carries=("vertices", "uv"),
+        looks=(rb"glTF", "GLB"),
+    )
+)
+register(
+    Format(
+        name="gltf",
+        suffixes=(".gltf",),
+        summary="the triangles of a glTF 2.0 scene, with its buffers inside or in files of the same folder",
+        read=read_gltf,
+        looks=(rb"\s*[{\[]", "glTF"),
+    )
+)

@@ -3,11 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import IO
 
 import numpy as np
 
 from pgcp.errors import BadFileError
-from pgcp.io.text import as_text, joined, line_blocks, not_triangles, parse, shown, table, widths
+from pgcp.io.formats import Arrays, Beside, Format, register
+from pgcp.io.text import (
+    CHUNK,
+    as_lines,
+    as_text,
+    joined,
+    line_blocks,
+    nine_digits,
+    not_triangles,
+    parse,
+    shown,
+    table,
+    widths,
+)
 from pgcp.types import FloatArray, IntArray
 
 _FARTHEST = 2**53
@@ -16,7 +30,7 @@ _VERTEX, _FACE = (b"v ", b"v\t", b"v"), (b"f ", b"f\t", b"f")
 _DIGITS = frozenset(b"0123456789+-.,")
 
 
-def read_obj(data: bytes) -> tuple[FloatArray, IntArray]:
+def read_obj(data: bytes, _beside: Beside) -> tuple[FloatArray, IntArray]:
     """Vertices (V, 3) and faces (F, 3) of an OBJ file; raises BadFileError saying what is wrong and where."""
     text = as_text(data)
     continued = b"\\\n" in text
@@ -110,3 +124,27 @@ def _wrong_corner(numbers: Sequence[int], rows: list[bytes]) -> BadFileError:
             if not digits.isdigit() or len(digits) > 15:
                 return BadFileError(f"line {number}: the face line does not hold vertex numbers: {shown(token)}")
     return BadFileError(f"lines {numbers[0]} to {numbers[-1]}: the face lines do not hold vertex numbers")
+
+
+def write_obj(stream: IO[bytes], arrays: Arrays) -> None:
+    """Write an OBJ file with nine digits of every number; uv become ``vt``, numbered as the vertices."""
+    for head, source in ((b"v", "vertices"), (b"vt", "uv")):
+        points = arrays.get(source, np.empty((0, 2)))
+        for start in range(0, len(points), CHUNK):
+            stream.write(as_lines(head, nine_digits(points[start : start + CHUNK])))
+    times, between = (2, b"/ / /") if "uv" in arrays else (1, b" ")
+    for start in range(0, len(arrays["faces"]), CHUNK):
+        numbers = arrays["faces"][start : start + CHUNK] + 1
+        stream.write(as_lines(b"f", np.repeat(numbers, times, axis=1), between))
+
+
+register(
+    Format(
+        name="obj",
+        suffixes=(".obj",),
+        summary="vertices and triangles; written with the map in the plane as vt, the texture coordinates",
+        read=read_obj,
+        write=write_obj,
+        carries=("vertices", "uv"),
+    )
+)

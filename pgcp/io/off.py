@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from typing import IO
 
 import numpy as np
 
 from pgcp.errors import BadFileError
-from pgcp.io.text import RowReader, as_text, joined, not_triangles, shown, table, whole
+from pgcp.io.formats import Arrays, Beside, Format, register
+from pgcp.io.text import CHUNK, RowReader, as_lines, as_text, joined, nine_digits, not_triangles, shown, table, whole
 from pgcp.types import FloatArray, IntArray
 
 _MAGIC = re.compile(rb"(?:ST)?C?N?(4?n?)OFF\b[ \t]*(BINARY)?")
@@ -15,7 +17,7 @@ _MAGIC = re.compile(rb"(?:ST)?C?N?(4?n?)OFF\b[ \t]*(BINARY)?")
 _BLANK = re.compile(rb"\s+|#[^\r\n]*")
 
 
-def read_off(data: bytes) -> tuple[FloatArray, IntArray]:
+def read_off(data: bytes, _beside: Beside) -> tuple[FloatArray, IntArray]:
     """Vertices (V, 3) and faces (F, 3) of an OFF file; raises BadFileError saying what is wrong and where."""
     start = 3 if data.startswith(b"\xef\xbb\xbf") else 0
     while passed := _BLANK.match(data, start):
@@ -56,3 +58,25 @@ def _faces(reader: RowReader, count: int) -> IntArray:
     if first_other is not None:
         raise not_triangles(np.concatenate(sizes), first_other)
     return np.asarray(joined(faces, (0, 3), np.int64))
+
+
+def write_off(stream: IO[bytes], arrays: Arrays) -> None:
+    """Write an OFF file with nine digits of every coordinate."""
+    points, triangles = arrays["vertices"], arrays["faces"]
+    stream.write(f"OFF\n{len(points)} {len(triangles)} 0\n".encode())
+    for start in range(0, len(points), CHUNK):
+        stream.write(as_lines(b"", nine_digits(points[start : start + CHUNK])))
+    for start in range(0, len(triangles), CHUNK):
+        stream.write(as_lines(b"3", triangles[start : start + CHUNK]))
+
+
+register(
+    Format(
+        name="off",
+        suffixes=(".off",),
+        summary="vertices and triangles in ascii; colours, normals and texture coordinates are passed over",
+        read=read_off,
+        write=write_off,
+        looks=(rb"[A-Z]{0,3}OFF\s", "OFF"),
+    )
+)

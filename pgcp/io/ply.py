@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 import struct
 from dataclasses import dataclass
+from typing import IO
 
 import numpy as np
 
 from pgcp.errors import BadFileError
-from pgcp.io.text import RowReader, as_text, joined, not_a_number, not_triangles, parse, shown, table, whole, widths
+from pgcp.io.formats import Arrays, Beside, Format, register
+from pgcp.io.text import CHUNK, RowReader, as_text, joined, not_a_number, not_triangles, parse, shown, table, whole, widths
 from pgcp.types import FloatArray, IntArray
 
 _KINDS = {
@@ -22,6 +24,8 @@ _MOST_PROPERTIES = 1000
 _RUN = 1024  # rows of lists of changing length that are read one by one at a time
 _MOST_AHEAD = 1 << 22  # rows of one shape that are read at once
 _LARGEST_ROW = 1 << 20
+# vertex properties of a file that is written: where their values come from, their names and their type
+_WRITTEN = {"vertices": ("<f8", ("x", "y", "z")), "uv": ("<f4", ("s", "t")), "sphere": ("<f8", ("sx", "sy", "sz"))}
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +52,7 @@ class _Element:
         return sum(np.dtype(p.count_kind or p.kind).itemsize for p in self.properties)
 
 
-def read_ply(data: bytes) -> tuple[FloatArray, IntArray]:
+def read_ply(data: bytes, _beside: Beside) -> tuple[FloatArray, IntArray]:
     """Vertices (V, 3) and faces (F, 3) of a PLY file; raises BadFileError saying what is wrong and where."""
     order, elements, start, lines = _header(data)
     by_name = {element.name: element for element in elements}
@@ -315,3 +319,48 @@ def _within(fits: np.ndarray, numbers: object, rows: list[bytes]) -> None:
         raise BadFileError(
             f"line {numbers[bad]}: the face's lists and numbers do not fill its line: {shown(rows[bad].strip())}"  # type: ignore[index]
         )
+
+
+def _written_header(vertices: int, faces: int, fields: list[tuple[str, str]]) -> bytes:
+    types = {"<f8": "double", "<f4": "float"}
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {vertices}"]
+    header += [f"property {types[kind]} {name}" for name, kind in fields]
+    header += [f"element face {faces}", "property list uchar int vertex_indices", "end_header", ""]
+    return "\n".join(header).encode()
+
+
+def write_ply(stream: IO[bytes], arrays: Arrays) -> None:
+    """Write a binary PLY file; uv become ``s, t``, coordinates on the sphere ``sx, sy, sz``."""
+    count, triangles = len(arrays["vertices"]), arrays["faces"]
+    columns = [
+        (name, kind, arrays[source][:, axis])
+        for source, (kind, names) in _WRITTEN.items()
+        if source in arrays
+        for axis, name in enumerate(names)
+    ]
+    fields = [(name, kind) for name, kind, _ in columns]
+    stream.write(_written_header(count, len(triangles), fields))
+    for start in range(0, count, CHUNK):
+        rows = slice(start, min(start + CHUNK, count))
+        vertex = np.empty(rows.stop - start, fields)
+        for name, _, values in columns:
+            vertex[name] = values[rows]
+        stream.write(vertex.view(np.uint8).data)
+    for start in range(0, len(triangles), CHUNK):
+        corners = triangles[start : start + CHUNK]
+        face = np.empty(len(corners), [("n", "u1"), ("v", "<i4", (3,))])
+        face["n"], face["v"] = 3, corners
+        stream.write(face.view(np.uint8).data)
+
+
+register(
+    Format(
+        name="ply",
+        suffixes=(".ply",),
+        summary="read in ascii and binary; written in binary, with the map as s, t or sx, sy, sz of the vertices",
+        read=read_ply,
+        write=write_ply,
+        carries=tuple(_WRITTEN),
+        looks=(rb"ply[ \t]*[\r\n]", "PLY"),
+    )
+)

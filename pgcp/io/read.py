@@ -5,27 +5,15 @@ from __future__ import annotations
 import os
 import re
 import stat
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from pgcp.errors import BadFileError
-from pgcp.io.gltf import read_gltf
-from pgcp.io.obj import read_obj
-from pgcp.io.off import read_off
-from pgcp.io.ply import read_ply
-from pgcp.io.stl import read_stl
+from pgcp.io.formats import Format, of_suffix, readable, suffixes_of
 from pgcp.io.text import as_text, shown
-from pgcp.types import FloatArray, IntArray, Mesh
-
-_READERS: dict[str, Callable[[bytes], tuple[FloatArray, IntArray]]] = {
-    ".ply": read_ply,
-    ".obj": read_obj,
-    ".stl": read_stl,
-    ".off": read_off,
-}
-READABLE = (*_READERS, ".glb", ".gltf")
+from pgcp.types import IntArray, Mesh
 
 # what a file that cannot be read may be instead; the first that fits is named
 _LOOKS = (
@@ -38,20 +26,16 @@ _LOOKS = (
     (rb"\xff\xfe|\xfe\xff", "UTF-16 text; save it as UTF-8 or ascii"),
     (rb"%PDF|\x89PNG|\xff\xd8\xff|GIF8", "a picture or a document"),
     (rb"\s*[{\[]", "JSON text, perhaps a server's answer"),
-    (rb"ply[ \t]*[\r\n]", "PLY; name it .ply"),
-    (rb"glTF", "GLB; name it .glb"),
-    (rb"[A-Z]{0,3}OFF\s", "OFF; name it .off"),
-    (rb"solid\b[^\0]{0,200}facet", "ascii STL; name it .stl"),
 )
 
 
-def _instead(data: bytes, suffix: str) -> str:
-    """What a file looks like that is not of its suffix's format, or nothing."""
-    for pattern, what in _LOOKS:
-        own = f"name it {suffix}" in what or (suffix == ".gltf" and what.startswith("JSON"))
-        if not own and re.match(pattern, data[:1024].removeprefix(b"\xef\xbb\xbf"), re.IGNORECASE):
-            return what
-    return ""
+def _instead(data: bytes, kind: Format | None = None) -> str:
+    """What a file looks like that is not of the format of its name, or nothing."""
+    start = data[:1024].removeprefix(b"\xef\xbb\xbf")
+    if kind is not None and kind.looks and re.match(kind.looks[0], start, re.IGNORECASE):
+        return ""
+    others = ((other.looks[0], f"{other.looks[1]}; name it {other.suffixes[0]}") for other in readable() if other.looks)
+    return next((what for pattern, what in (*_LOOKS, *others) if re.match(pattern, start, re.IGNORECASE)), "")
 
 
 def _contents(path: Path) -> bytes:
@@ -88,28 +72,28 @@ def _beside(path: Path, name: str) -> bytes:
 
 
 def read_mesh(path: str | Path) -> Mesh:
-    """Read a triangle mesh by its file name's ending: .ply, .obj, .stl, .off, .glb, .gltf.
+    """Read a triangle mesh in the format of its file name's ending, one of ``formats.readable``.
 
-    Vertices and faces keep the file's order (STL has no vertices: exactly equal corners become one, in order of first
-    use). Raises BadFileError where the file is no such mesh, InputError where its contents are no triangle mesh.
+    Vertices and faces keep the file's order (where a format numbers no vertices, as STL, exactly equal corners become one,
+    in order of first use). Raises BadFileError where the file is no such mesh, InputError where its contents are no triangle
+    mesh or a package is needed to read it.
     """
     path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in READABLE:
-        raise BadFileError(f"{path}: cannot read {path.suffix or 'a file without ending'}; known are {', '.join(READABLE)}")
+    kinds = readable()
+    kind = of_suffix(path.suffix, kinds)
+    if kind is None or kind.read is None:
+        raise BadFileError(f"{path}: cannot read {path.suffix or 'a file without ending'}; known are {suffixes_of(kinds)}")
+    kind.check_packages("reading")
     try:
         data = _contents(path)
         if not data:
             raise BadFileError(f"{path}: the file is empty")
         try:
-            if suffix in _READERS:
-                vertices, faces = _READERS[suffix](data)
-            else:
-                vertices, faces = read_gltf(data, lambda name: _beside(path, name))
+            vertices, faces = kind.read(data, partial(_beside, path))
         except BadFileError as problem:
-            instead = _instead(data, suffix)
+            instead = _instead(data, kind)
             looks = f"; it looks like {instead}" if instead else ""
-            raise BadFileError(f"{path}: not a readable {suffix[1:].upper()} file: {problem}{looks}") from problem
+            raise BadFileError(f"{path}: not a readable {path.suffix[1:].upper()} file: {problem}{looks}") from problem
     except MemoryError as problem:
         raise BadFileError(f"{path}: the file holds more than fits in memory") from problem
     return Mesh(vertices, faces, path.name)
@@ -122,7 +106,7 @@ def read_cuts(path: str | Path) -> IntArray:
     try:
         lines = as_text(data).split(b"\n")
     except BadFileError as problem:
-        instead = _instead(data, "")
+        instead = _instead(data)
         raise BadFileError(f"{path}: {problem}{f'; it looks like {instead}' if instead else ''}") from problem
     rows = []
     for number, line in enumerate(lines, 1):

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import struct
+from typing import IO
 
 import numpy as np
 
 from pgcp.errors import BadFileError
-from pgcp.io.text import as_text, line_blocks, shown, table
+from pgcp.io.formats import Arrays, Beside, Format, register
+from pgcp.io.soup import weld_duplicates
+from pgcp.io.text import CHUNK, as_text, line_blocks, shown, table
 from pgcp.types import FloatArray, IntArray
 
 _HEAD = 84
 _FACET = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
-def read_stl(data: bytes) -> tuple[FloatArray, IntArray]:
+def read_stl(data: bytes, _beside: Beside) -> tuple[FloatArray, IntArray]:
     """Vertices (V, 3) and faces (F, 3) of an STL file; exactly equal corners are one vertex, in order of first use.
 
     Raises BadFileError saying what is wrong and where.
@@ -68,10 +71,28 @@ def _not_three(line: int, count: int) -> BadFileError:
     )
 
 
-def weld_duplicates(corners: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Faces from triangle soup (3F, 3): exactly equal positions are one vertex, in order of first use."""
-    _, first, inverse = np.unique(corners, axis=0, return_index=True, return_inverse=True)
-    rank = np.empty(len(first), np.int64)
-    order = np.argsort(first)
-    rank[order] = np.arange(len(first))
-    return corners[first[order]], rank[inverse.reshape(-1)].reshape(-1, 3)
+def write_stl(stream: IO[bytes], arrays: Arrays) -> None:
+    """Write a binary STL file, in 32-bit floats; a facet without area has the normal 0."""
+    points, triangles = arrays["vertices"], arrays["faces"]
+    stream.write(bytes(_HEAD - 4) + struct.pack("<I", len(triangles)))
+    for start in range(0, len(triangles), CHUNK):
+        corners = points[triangles[start : start + CHUNK]]
+        sides = corners[:, 1:] - corners[:, :1]
+        normals = np.cross(sides[:, 0], sides[:, 1])
+        lengths = np.linalg.norm(normals, axis=1)[:, None]
+        facets = np.zeros(len(corners), _FACET)
+        facets["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+        facets["corners"] = corners
+        stream.write(facets.view(np.uint8).data)
+
+
+register(
+    Format(
+        name="stl",
+        suffixes=(".stl",),
+        summary="facets, read in ascii and binary: exactly equal corners become one vertex; written in binary",
+        read=read_stl,
+        write=write_stl,
+        looks=(rb"solid\b[^\0]{0,200}facet", "ascii STL"),
+    )
+)

@@ -1,4 +1,4 @@
-"""Numbers in text files: rows of a huge file, block by block, and where a row is wrong."""
+"""Numbers in text files: rows of a huge file, read and written block by block, and where a row is wrong."""
 
 from __future__ import annotations
 
@@ -8,11 +8,14 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+import orjson
 
 from pgcp.errors import BadFileError
 from pgcp.types import FloatArray, IntArray
 
 _BLOCK = 1 << 22
+_TENS = 10.0 ** np.arange(23)  # exact, all of them
+CHUNK = 50_000  # rows that are written at once
 _SHOWN = 40
 _EXACT = 2.0**53  # whole numbers up to here are told from each other in float64
 _DECIMAL_COMMA = re.compile(rb"[+-]?\d*,\d+(?:[eE][+-]?\d+)?,?")
@@ -165,3 +168,23 @@ def not_triangles(sizes: IntArray, line: int | None = None) -> BadFileError:
         f"{where}face {bad} has {int(sizes[bad])} corners and {int((sizes != 3).sum())} faces in all are not triangles; "
         "triangulate the mesh first"
     )
+
+
+def nine_digits(values: FloatArray) -> FloatArray:
+    """Values (n, d) rounded to nine digits, those between 1e-14 and 1e9: a whole number over an exact power of ten each."""
+    with np.errstate(divide="ignore"):
+        places = 8.0 - np.floor(np.log10(np.abs(values)))
+    near = (places >= 0.0) & (places < len(_TENS))
+    tens = _TENS[np.where(near, places, 0.0).astype(np.int8)]
+    return np.where(near, np.rint(values * tens) / tens, values)
+
+
+def as_lines(head: bytes, rows: np.ndarray, between: bytes = b" ") -> bytes:
+    """Rows (n, d) as lines of text after the word ``head``, their numbers parted by the letters of ``between`` in turn."""
+    head += b" " if head else b""
+    text = orjson.dumps(rows, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2].replace(b"],[", b"\n" + head)
+    letters = np.frombuffer(bytearray(text), np.uint8)
+    commas = np.flatnonzero(letters == ord(","))
+    for k, letter in enumerate(between):
+        letters[commas[k :: len(between)]] = letter
+    return head + letters.tobytes() + b"\n"

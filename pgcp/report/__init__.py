@@ -1,7 +1,4 @@
-"""The picture of a finished map."""
+"""What is said and shown of a run: report.json and the picture.
 
-from __future__ import annotations
-
-from pgcp.report.picture import draw
-
-__all__ = ["draw"]
+Imports methods, finish, surface and the ground. Doors: ``record``, ``picture.draw``.
+"""

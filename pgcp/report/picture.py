@@ -13,14 +13,16 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
+import networkx
 import numpy as np
 from PIL import Image, ImageDraw
 
-from pgcp.distortion import angle_errors
-from pgcp.operators import face_areas
 from pgcp.report.chart import BLUE, INK, RED, Chart, centred, linear_axis, log_axis
 from pgcp.report.raster import PIXELS, Paint, View, rasterise, view
 from pgcp.report.shade import by_normals, checkered, vertex_shapes
+from pgcp.surface.distortion import angle_errors
+from pgcp.surface.operators import face_areas
+from pgcp.targets.registry import TARGETS
 from pgcp.types import FloatArray, IntArray, Mesh, Parameterization
 
 _CHECKS = 48
@@ -80,21 +82,32 @@ def _drawn(caption: str, seen_from: View, paint: Paint) -> Image.Image:
 def _surface(result: Parameterization, surface: View, log_size: float, shapes: np.ndarray) -> Image.Image:
     """The surface with a checkerboard of the map."""
     light = np.array([0.3, 0.4, 0.87]) @ surface.rotation
+    on_sphere = TARGETS.get(result.target).space.closed
 
     def paint(face_ids: IntArray, weights: FloatArray) -> np.ndarray:
         """Checkerboard of the map."""
-        return checkered(face_ids, weights, surface.faces, result.coordinates, shapes, light, log_size)
+        return checkered(face_ids, weights, surface.faces, result.coordinates, shapes, light, log_size, on_sphere)
 
     return _drawn("the surface, with a checkerboard of the map (squares double with the scale)", surface, paint)
+
+
+def patch_colours(rows: list[dict[str, Any]], count: int) -> np.ndarray:
+    """Colours (count, 3) of patches: neighbours have different hues, of the same hue each is lighter or darker than others."""
+    graph: networkx.Graph = networkx.empty_graph(count)
+    graph.add_edges_from((row["index"], other) for row in rows for other in row["neighbours"])
+    number = networkx.greedy_color(graph, "DSATUR")
+    alike = [[k for k in range(count) if number[k] == hue] for hue in range(max(number.values()) + 1)]
+    colours = np.empty((count, 3), np.float32)
+    for hue, patches in enumerate(alike):
+        for place, patch in enumerate(patches):
+            colours[patch] = colorsys.hsv_to_rgb(0.58 + hue / len(alike), 0.45, 1.0 - 0.3 * place / len(patches))
+    return colours
 
 
 def _map(result: Parameterization, plane: View) -> Image.Image:
     """The map, every patch with its colour."""
     count = int(result.patch.max()) + 1
-    rng = np.random.default_rng(1)
-    hues, values = rng.permutation(count) / count, 0.75 + 0.25 * rng.random(count)
-    colours = [colorsys.hsv_to_rgb(hue, 0.45, value) for hue, value in zip(hues.tolist(), values.tolist(), strict=True)]
-    palette = np.array(colours, np.float32)
+    palette = patch_colours(result.report.get("patches", []), count)
 
     def paint(face_ids: IntArray, _weights: FloatArray) -> np.ndarray:
         """Colour of the patch."""
@@ -160,7 +173,7 @@ def _panels(result: Parameterization, pool: ThreadPoolExecutor) -> list[Future[I
     mesh, image = result.mesh, result.coordinates
     iterations = result.report.get("iterations", [])
     surface = view(mesh.vertices, mesh.faces, _view_rotation(mesh.vertices, mesh.faces))
-    plane = view(image, mesh.faces) if result.target != "sphere" else None
+    plane = None if TARGETS.get(result.target).space.closed else view(image, mesh.faces)
     unit = max(float(plane.extent.max()), _TINY) if plane else 1.0
     units = max(float(np.hypot(*surface.extent)), _TINY), unit
     shapes = pool.submit(vertex_shapes, mesh.vertices, mesh.faces, image, units)

@@ -11,7 +11,7 @@ import numpy as np
 from pgcp.types import FloatArray, IntArray
 
 PIXELS = 1000  # twice those of the picture, in which four become one
-_MARGIN = 0.012 * PIXELS
+_MARGIN = 12.0 / (PIXELS - 1)  # of an image, at each side
 Paint = Callable[[IntArray, FloatArray], np.ndarray]
 
 
@@ -152,11 +152,11 @@ def view(points: FloatArray, faces: IntArray, rotation: FloatArray | None = None
     return View(points, faces, np.ascontiguousarray(rotation), _box(points, faces, rotation))
 
 
-def rasterise(seen_from: View, paint: Paint) -> np.ndarray:
-    """Image (PIXELS, PIXELS, 3) of bytes; paint(face_ids (m,), weights (m, 3)) gives the colours (m, 3), 0 to 1, of pixels."""
+def rasterise(seen_from: View, paint: Paint, pixels: int = PIXELS) -> np.ndarray:
+    """Image (pixels, pixels, 3) of bytes; paint(face_ids (m,), weights (m, 3)) gives the colours (m, 3), 0 to 1, of pixels."""
     low, extent, faces = seen_from.box[0], seen_from.extent, seen_from.faces
-    scale = (PIXELS - 1 - 2 * _MARGIN) / max(float(extent.max()), 1e-300)
-    shift = np.append(0.5 * (PIXELS - 1 - extent * scale), 0.0)
+    scale = (pixels - 1) * (1 - 2 * _MARGIN) / max(float(extent.max()), 1e-300)
+    shift = np.append(0.5 * (pixels - 1 - extent * scale), 0.0)
     screen = _on_screen(seen_from.points, seen_from.rotation, low, scale, shift)
-    seen = _visible(screen, faces, PIXELS)
+    seen = _visible(screen, faces, pixels)
     return _coloured(seen, paint(*_places(screen, faces, seen)))

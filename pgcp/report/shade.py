@@ -15,7 +15,7 @@ def _cross(points: FloatArray, a: int, b: int, c: int, per_unit: float) -> tuple
     """Normal of a face, as long as twice its area, once points are multiplied by ``per_unit``."""
     ux, uy = (points[b, 0] - points[a, 0]) * per_unit, (points[b, 1] - points[a, 1]) * per_unit
     vx, vy = (points[c, 0] - points[a, 0]) * per_unit, (points[c, 1] - points[a, 1]) * per_unit
-    if points.shape[1] == 2:
+    if points.shape[1] < 3:
         return 0.0, 0.0, ux * vy - uy * vx
     uz, vz = (points[b, 2] - points[a, 2]) * per_unit, (points[c, 2] - points[a, 2]) * per_unit
     return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -75,10 +75,11 @@ def checkered(
     shapes: np.ndarray,
     light: FloatArray,
     log_size: float,
+    on_sphere: bool,
 ) -> np.ndarray:
     """Colours (m, 3) of a checkerboard of the map at places on faces, lit from ``light`` (3,).
 
-    image (V, 2) or (V, 3), shapes (V, 5) of the vertices; squares are 2^log_size of the surface's units.
+    image (V, 2), or (V, 3) ``on_sphere``, shapes (V, 5) of the vertices; squares are 2^log_size of the surface's units.
     """
     dark, bright = (0.16, 0.32, 0.55), (0.98, 0.93, 0.82)
     colours = np.empty((len(face_ids), 3), np.float32)
@@ -90,11 +91,11 @@ def checkered(
             v, weight = faces[f, i], weights[k, i]
             x += weight * image[v, 0]
             y += weight * image[v, 1]
-            if image.shape[1] == 3:
+            if on_sphere:
                 z += weight * image[v, 2]
             facing += weight * abs(light[0] * shapes[v, 0] + light[1] * shapes[v, 1] + light[2] * shapes[v, 2])
             log_scale += weight * shapes[v, 3]
-        if image.shape[1] == 3:
+        if on_sphere:
             x, y, log_scale = _mercator(x, y, z, log_scale)
         colour = dark if _is_dark(x, y, log_scale) else bright
         for d in range(3):

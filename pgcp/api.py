@@ -1,0 +1,103 @@
+"""What is called from Python: one function with all options, and one that takes them as objects."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pgcp.errors import FoldError, InputError
+from pgcp.intake.check import inspect
+from pgcp.io.read import read_mesh
+from pgcp.options import AUTO, METHOD, REPAIRS, Options, Running
+from pgcp.pipeline import map_surface
+from pgcp.report.record import fold_message
+from pgcp.runtime.executors import Progress, silent
+from pgcp.surface.topology import Topology
+from pgcp.targets.fitting import Asked
+from pgcp.types import Mesh, Parameterization
+
+
+def as_mesh(source: Any) -> Mesh:
+    """Mesh from a Mesh, a path, or an object with ``vertices`` and ``faces`` (a trimesh.Trimesh)."""
+    if isinstance(source, Mesh):
+        return source
+    if isinstance(source, (str, Path)):
+        return read_mesh(source)
+    if hasattr(source, "vertices") and hasattr(source, "faces"):
+        return Mesh(np.asarray(source.vertices, np.float64), np.asarray(source.faces, np.int64))
+    raise InputError(f"expected a mesh, a path or a trimesh, not {type(source).__name__}")
+
+
+def check_mesh(mesh: Mesh, target: str = AUTO) -> Topology:
+    """Examine a mesh and refuse one that the target does not fit; auto takes open disks and closed spheres.
+
+    Raises NotManifoldError, NotSimplyConnectedError or DegenerateError, saying what the mesh is and where it is wrong, and
+    what ``--fix`` would do where that makes it fit.
+    """
+    return inspect(mesh, Asked(target)).accepted()[0]
+
+
+def compute(
+    source: Any, options: Options | None = None, running: Running | None = None, progress: Progress = silent
+) -> Parameterization:
+    """As ``parameterize``, but a map with folds is returned like any other: its quality says so."""
+    return map_surface(lambda: as_mesh(source), options or Options(), running or Running(), progress)
+
+
+def parameterize(
+    source: Any,
+    *,
+    progress: Progress = silent,
+    patches: int | None = None,
+    target: str = AUTO,
+    centre: int | None = None,
+    moebius: str = AUTO,
+    cuts: str | Path | None = None,
+    repair_cuts: bool = False,
+    method: str = METHOD,
+    flatten: str = "dncp",
+    seams: str = "weld",
+    backend: str = AUTO,
+    seed: int = 0,
+    repairs: tuple[str, ...] = REPAIRS,
+    no_overlap: bool = False,
+    fix: bool = False,
+    workers: int = 0,
+    scheduler: str | None = None,
+    scheduler_file: str | Path | None = None,
+    executor: str = AUTO,
+    store: str | Path | None = None,
+    factor_cache_bytes: int | None = None,
+    memory_limit_bytes: int | None = None,
+    resume: bool = False,
+    tls_ca: str | Path | None = None,
+    tls_cert: str | Path | None = None,
+    tls_key: str | Path | None = None,
+) -> Parameterization:
+    """Map a simply connected surface conformally to the plane, the unit disk or the unit sphere (PGCP Algorithm 3).
+
+    source: a Mesh, a path, or a trimesh.Trimesh. progress(stage, done, total) is called as tasks finish. The other
+    options are those of ``Options`` (what is computed) and ``Running`` (where and how).
+
+    Raises InputError (and its kinds) for input that cannot be mapped, NumericalError where a step fails; FoldError,
+    whose ``result`` holds the map, where the finished map has folded faces; StoppedError where workers, scheduler or store
+    are lost.
+    """
+    options = Options(
+        patches, target, centre, moebius, _path(cuts), repair_cuts, method, flatten, seams, backend, seed, tuple(repairs),
+        no_overlap, fix,
+    )  # fmt: skip
+    running = Running(
+        workers, scheduler, _path(scheduler_file), executor, _path(store), factor_cache_bytes, memory_limit_bytes, resume,
+        _path(tls_ca), _path(tls_cert), _path(tls_key),
+    )  # fmt: skip
+    result = compute(source, options, running, progress)
+    if result.quality.folds:
+        raise FoldError(fold_message(result), result)
+    return result
+
+
+def _path(name: str | Path | None) -> Path | None:
+    return None if name is None else Path(name)

@@ -1,0 +1,130 @@
+"""The command ``pgcp-run``: the only place that prints and that sets an exit status."""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import json
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import NoReturn
+
+from pgcp.cli.parser import (
+    build_parser,
+    options_of,
+    outputs_of,
+    running_of,
+)
+from pgcp.cli.summary import check_only, record, summary
+from pgcp.cli.terminal import BAD_INPUT, BUG, GOOD, NUMERICAL, STOPPED, STOPPED_BY, Bars, Signals, say
+from pgcp.errors import InputError, NumericalError, PgcpError, StoppedError
+from pgcp.parallel import leave
+from pgcp.runtime.forks import collect_seldom, prepare_forks
+
+_STATUS = {InputError: BAD_INPUT, NumericalError: NUMERICAL, StoppedError: STOPPED}
+_SYSTEM = {
+    getattr(errno, name) for name in ("ENOSPC", "EFBIG", "EDQUOT", "EROFS", "EACCES", "EPERM", "EIO") if hasattr(errno, name)
+}
+
+
+def _run(arguments: argparse.Namespace, signals: Signals) -> int:
+    options, running = options_of(arguments), running_of(arguments)
+    if running.starts_workers and not arguments.check_only:
+        prepare_forks()
+    from pgcp.io.read import read_mesh
+    from pgcp.surface.demo import demo_mesh
+
+    started = time.perf_counter()
+    if arguments.check_only:
+        mesh = demo_mesh() if arguments.mesh is None else read_mesh(arguments.mesh)
+        return check_only(mesh, arguments.target, arguments.fix)
+    from pgcp.api import compute
+    from pgcp.io.write import write_outputs
+    from pgcp.report.picture import draw
+    from pgcp.report.record import fold_message
+
+    stem = "demo" if arguments.mesh is None else arguments.mesh.stem
+    beside = Path() if arguments.mesh is None else arguments.mesh.parent
+    directory: Path = arguments.output_dir or beside / f"{stem}_pgcp"
+    if directory.exists() and not directory.is_dir():
+        raise InputError(f"{directory}: there is a file of this name where the results should go")
+    if arguments.mesh is not None and directory.is_dir() and directory.samefile(beside):
+        raise InputError(f"{directory}: results here would take the place of {arguments.mesh}; choose another --output-dir")
+    kinds = outputs_of(arguments)
+    with Bars(sys.stderr.isatty() and not arguments.quiet) as bars:
+        result = compute(demo_mesh() if arguments.mesh is None else arguments.mesh, options, running, bars)
+    try:
+        picture = None if arguments.no_png else draw(result)
+        paths = write_outputs(directory, stem, result, picture, signals.held(), kinds)
+    except OSError as problem:
+        raise InputError(f"{directory}: cannot write the results: {problem}") from problem
+    if arguments.json:
+        say(json.dumps(record(result, time.perf_counter() - started, paths)))
+    elif not arguments.quiet:
+        say(summary(result, time.perf_counter() - started, directory))
+    if result.quality.folds:
+        print(
+            f"pgcp-run: {fold_message(result)}. The results in {directory} are marked so (report.json: status folded)",
+            file=sys.stderr,
+        )
+        return NUMERICAL
+    return GOOD
+
+
+def _refused(problem: Exception, status: int, as_json: bool) -> int:
+    if as_json:
+        say(json.dumps({"status": status, "error": type(problem).__name__, "message": str(problem)}))
+    print(f"pgcp-run: {problem}", file=sys.stderr)
+    return status
+
+
+def _stopped(signals: Signals, as_json: bool, resume: bool) -> int:
+    status: int = 128 + getattr(signal, signals.name)
+    message = f"{STOPPED_BY[signals.name]}; nothing was written"
+    if resume:
+        message += "; what is finished is kept for --resume"
+    if as_json:
+        say(json.dumps({"status": status, "error": "KeyboardInterrupt", "message": message}))
+    print(f"pgcp-run: {message}", file=sys.stderr)
+    return status
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    arguments = build_parser().parse_args(argv)
+    with Signals() as signals:
+        try:
+            return _run(arguments, signals)
+        except PgcpError as problem:
+            if arguments.debug:
+                raise
+            status = next(status for kind, status in _STATUS.items() if isinstance(problem, kind))
+            return _refused(problem, status, arguments.json)
+        except KeyboardInterrupt:
+            return _stopped(signals, arguments.json, arguments.resume)
+        except Exception as problem:
+            if signals.received:  # compiled code makes another exception of the interrupt
+                return _stopped(signals, arguments.json, arguments.resume)
+            if arguments.debug:
+                raise
+            if isinstance(problem, OSError) and problem.errno in _SYSTEM:
+                return _refused(problem, BAD_INPUT, arguments.json)
+            if arguments.json:
+                say(json.dumps({"status": BUG, "error": type(problem).__name__, "message": str(problem)}))
+            print(f"pgcp-run: a bug: {type(problem).__name__}: {problem} (--debug shows where)", file=sys.stderr)
+            return BUG
+
+
+def run() -> NoReturn:
+    """Run the command and end the process."""
+    collect_seldom()
+    status = main()
+    with suppress(OSError):
+        sys.stdout.flush()
+        sys.stderr.flush()
+    leave(status)
+    raise SystemExit(status)

@@ -1,0 +1,219 @@
+"""The options of the command, and what they mean to the library."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from contextlib import suppress
+from pathlib import Path
+
+from pgcp.errors import InputError
+from pgcp.io.formats import DEFAULT_OUTPUTS, outputs, readable, suffixes_of, writable
+from pgcp.methods.registry import METHODS
+from pgcp.options import AUTO, FLATTENERS, METHOD, MOEBIUS, REPAIRS, SEAMS, Options, Running
+from pgcp.parallel import processor_count
+from pgcp.runtime.executors import EXECUTORS, may_have_workers
+from pgcp.targets.registry import TARGETS
+
+_LARGE_FILE = 20_000_000
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Build the command line's parser."""
+    # long: a table, an option after the other
+    parser = argparse.ArgumentParser(
+        prog="pgcp-run",
+        description="Map a triangle mesh conformally to the plane, the disk or the sphere, patch by patch and in parallel.",
+        epilog="Exit status: 0 good, 2 bad input or usage, 3 numerical failure or folds, 4 stopped by lost workers, scheduler "
+        "or store, 1 a bug, 130 interrupted.",
+    )
+    files = suffixes_of(readable())
+    parser.add_argument("mesh", nargs="?", type=Path, help=f"file of a mesh ({files}); without it, a built-in demo")
+    parser.add_argument(
+        "--patches", type=_number, metavar="K", help="number of patches; auto (default): by vertices, workers and memory"
+    )
+    parser.add_argument(
+        "--workers",
+        type=_number,
+        metavar="N",
+        help="worker processes here, and processors in all; 0 for none; auto (default): one a processor for files of 20 MB and "
+        "more, else none",
+    )
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="use the running dask scheduler at this address")
+    parser.add_argument("--scheduler-file", type=Path, metavar="FILE", help="use the dask scheduler this file describes")
+    parser.add_argument(
+        "--executor",
+        choices=(AUTO, *EXECUTORS.names()),
+        default=AUTO,
+        help="what runs the tasks; "
+        + "; ".join(f"{kind.name}: {kind.summary}" for kind in EXECUTORS.all())
+        + "; auto (default): one with workers where there are workers or a scheduler",
+    )
+    parser.add_argument("--store", type=Path, metavar="DIR", help="directory for patch files that all workers can open")
+    parser.add_argument("--resume", action="store_true", help="take up what an earlier run has finished; keep it when stopped")
+    parser.add_argument("--tls-ca", type=Path, metavar="PEM", help="certificate of the authority, for a scheduler with TLS")
+    parser.add_argument("--tls-cert", type=Path, metavar="PEM", help="own certificate, for a scheduler with TLS")
+    parser.add_argument("--tls-key", type=Path, metavar="PEM", help="own key, for a scheduler with TLS")
+    parser.add_argument(
+        "--target",
+        choices=(AUTO, *TARGETS.names()),
+        default=AUTO,
+        help="plane with free boundary, disk or sphere; auto: by the surface",
+    )
+    parser.add_argument("--centre", type=int, metavar="VERTEX", help="vertex at the disk's centre or the sphere's north pole")
+    parser.add_argument(
+        "--moebius", choices=MOEBIUS, default="auto", help="correct the finished map for least area or angle distortion"
+    )
+    parser.add_argument("--cuts", type=Path, metavar="FILE", help="cut along these edges: one pair of vertex ids a line")
+    parser.add_argument(
+        "--repairs",
+        default="all",
+        metavar="LIST",
+        help="which tiers may take folds away: all, none, or some of " + ", ".join(REPAIRS),
+    )
+    parser.add_argument(
+        "--no-overlap", action="store_true", help="where a free map overlaps itself, map to the disk instead, and say so"
+    )
+    parser.add_argument("--repair-cuts", action="store_true", help="mend parts that the cuts leave and that are no disks")
+    parser.add_argument(
+        "--fix", action="store_true", help="repair the topology of a mesh that would be refused: cut, split, weld, fill holes"
+    )
+    parser.add_argument(
+        "--method",
+        choices=METHODS.names(),
+        default=METHOD,
+        help=f"how the mesh is mapped (default {METHOD}, which serves every target); the others map the undivided mesh",
+    )
+    parser.add_argument("--flatten", choices=FLATTENERS, default="dncp", help="how patches are flattened (default dncp)")
+    parser.add_argument(
+        "--seams", choices=SEAMS, default="weld", help="weld; solve them exactly inside the welded boundary; exact, no weld"
+    )
+    parser.add_argument("--backend", default="auto", help="how interiors are eliminated: auto, nested, pardiso or superlu")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the partition (default 0)")
+    parser.add_argument(
+        "--memory-limit", type=_bytes, metavar="SIZE", help="memory of all processes of this run together, such as 8GB"
+    )
+    parser.add_argument(
+        "--factor-cache-mb", type=int, metavar="MB", help="factors a worker may keep (default 1500, less if memory is short)"
+    )
+    parser.add_argument("--output-dir", type=Path, metavar="DIR", help="where results go (default <stem>_pgcp beside the mesh)")
+    names = ", ".join(kind.name for kind in writable())
+    parser.add_argument(
+        "--write",
+        type=_names,
+        default=DEFAULT_OUTPUTS,
+        metavar="LIST",
+        help=f"formats of the results (default {','.join(DEFAULT_OUTPUTS)}), of {names}",
+    )
+    parser.add_argument("--no-obj", action="store_true", help="write no OBJ file")
+    parser.add_argument("--no-ply", action="store_true", help="write no PLY file")
+    parser.add_argument("--no-png", action="store_true", help="draw no picture")
+    parser.add_argument("--check-only", action="store_true", help="say what the mesh is and list its defects, then stop")
+    parser.add_argument("--json", action="store_true", help="print one JSON object: the result, or the error")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    parser.add_argument("--debug", action="store_true", help="show tracebacks")
+    parser.add_argument("--version", action="version", version=f"%(prog)s {_version()}")
+    return parser
+
+
+def _number(text: str) -> int | None:
+    """A whole number, None for auto."""
+    if text == "auto":
+        return None
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither a whole number nor auto") from None
+
+
+def _automatic_workers(mesh: Path | None) -> int:
+    """One worker a processor where the mesh is so large that they gain more time than they take to start."""
+    with suppress(OSError):
+        if mesh is not None and mesh.stat().st_size >= _LARGE_FILE:
+            return processor_count() if processor_count() > 1 else 0
+    return 0
+
+
+def _bytes(text: str) -> int:
+    """A size in bytes, such as 500MB, 8GB or 7.5GiB."""
+    words = re.fullmatch(r"(\d+\.?\d*|\.\d+)\s*([kmgt]?)(i?)b?", text.strip().lower())
+    if words is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is no size such as 500MB, 8GB or 7.5GiB")
+    return int(float(words[1]) * (1024 if words[3] else 1000) ** " kmgt".index(words[2] or " "))
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("pgcp")
+    except PackageNotFoundError:
+        return "(not installed)"
+
+
+def _repairs(text: str) -> tuple[str, ...]:
+    """Tiers of repair named on the command line."""
+    if text in ("all", "none"):
+        return REPAIRS if text == "all" else ()
+    return _names(text)
+
+
+def _names(text: str) -> tuple[str, ...]:
+    """Names parted by commas."""
+    return tuple(name.strip() for name in text.split(","))
+
+
+def outputs_of(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """Names of the formats in which results are written."""
+    left_out = {name for name, out in (("obj", arguments.no_obj), ("ply", arguments.no_ply)) if out}
+    return tuple(kind.name for kind in outputs(arguments.write) if kind.name not in left_out)
+
+
+def _workers_of(arguments: argparse.Namespace) -> int:
+    if arguments.workers is not None:
+        return int(arguments.workers)
+    elsewhere = arguments.scheduler is not None or arguments.scheduler_file is not None
+    return 0 if elsewhere or not may_have_workers(arguments.executor) else _automatic_workers(arguments.mesh)
+
+
+def options_of(arguments: argparse.Namespace) -> Options:
+    """What a command line asks to be computed."""
+    return Options(
+        patches=arguments.patches,
+        target=arguments.target,
+        centre=arguments.centre,
+        moebius=arguments.moebius,
+        cuts=arguments.cuts,
+        repair_cuts=arguments.repair_cuts,
+        method=arguments.method,
+        flatten=arguments.flatten,
+        seams=arguments.seams,
+        backend=arguments.backend,
+        seed=arguments.seed,
+        repairs=_repairs(arguments.repairs),
+        no_overlap=arguments.no_overlap,
+        fix=arguments.fix,
+    )
+
+
+def running_of(arguments: argparse.Namespace) -> Running:
+    """Where and how a command line asks to run; raises InputError where a file or folder it names is not there."""
+    named = ((arguments.store, "store"), (arguments.scheduler_file, "scheduler file"), (arguments.tls_ca, "certificate"))
+    for path, what in (*named, (arguments.tls_cert, "certificate"), (arguments.tls_key, "key")):
+        if path is not None and not path.exists():
+            raise InputError(f"{path}: there is no such {what}")
+    if arguments.store is not None and not arguments.store.is_dir():
+        raise InputError(f"{arguments.store}: the store is no directory")
+    return Running(
+        workers=_workers_of(arguments),
+        scheduler=arguments.scheduler,
+        scheduler_file=arguments.scheduler_file,
+        executor=arguments.executor,
+        store=arguments.store,
+        factor_cache_bytes=None if arguments.factor_cache_mb is None else arguments.factor_cache_mb * 1024**2,
+        memory_limit_bytes=arguments.memory_limit,
+        resume=arguments.resume,
+        tls_ca=arguments.tls_ca,
+        tls_cert=arguments.tls_cert,
+        tls_key=arguments.tls_key,
+    )

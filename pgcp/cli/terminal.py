@@ -1,0 +1,96 @@
+"""Signals, progress bars and lines on the terminal; exit statuses."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from typing import Any
+
+from pgcp.errors import InputError
+
+GOOD, BUG, BAD_INPUT, NUMERICAL, STOPPED = 0, 1, 2, 3, 4
+
+
+STOPPED_BY = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}  # exit status 128 + the signal's number
+
+
+def say(text: str) -> None:
+    """Print; a reader that has left is no failure, a full disk is one."""
+    try:
+        print(text, flush=True)
+    except OSError as problem:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(problem, BrokenPipeError):
+            raise InputError(f"cannot print: {problem.strerror}") from problem
+
+
+class Bars(AbstractContextManager["Bars"]):
+    """A bar per stage, on a terminal; nothing elsewhere."""
+
+    def __init__(self, shown: bool) -> None:
+        self._bars: Any = None
+        self._tasks: dict[str, Any] = {}
+        if shown:
+            from rich.console import Console
+            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+            columns = (TextColumn("{task.description:<10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+            self._bars = Progress(*columns, console=Console(stderr=True))
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Show so much progress of a stage."""
+        if self._bars is None:
+            return
+        if stage not in self._tasks:
+            self._tasks[stage] = self._bars.add_task(stage, total=total)
+        self._bars.update(self._tasks[stage], completed=done, total=total)
+
+    def __enter__(self) -> Bars:
+        if self._bars is not None:
+            self._bars.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bars is not None:
+            self._bars.stop()
+
+
+class Signals(AbstractContextManager["Signals"]):
+    """Signals that end a run are KeyboardInterrupts, so that everything is tidied; only the first counts."""
+
+    def __init__(self) -> None:
+        self._before: dict[int, Any] = {}
+        self.name = "SIGINT"
+        self.received = False
+
+    def __enter__(self) -> Signals:
+        if threading.current_thread() is threading.main_thread():
+            numbers = [getattr(signal, name) for name in STOPPED_BY if hasattr(signal, name)]
+            # one that is ignored, as under nohup, stays so
+            self._before = {n: old for n in numbers if (old := signal.getsignal(n)) not in (signal.SIG_IGN, None)}
+            self._set(self._stop)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, old in self._before.items():
+            signal.signal(number, old)
+
+    def _set(self, handler: Any) -> None:
+        for number in self._before:
+            signal.signal(number, handler)
+
+    def _stop(self, number: int, _frame: object) -> None:
+        self._set(signal.SIG_IGN)
+        self.name, self.received = signal.Signals(number).name, True
+        raise KeyboardInterrupt
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Ignore them while results take the place of earlier ones; afterwards they end the process at once."""
+        self._set(signal.SIG_IGN)
+        yield
+        self._set(signal.SIG_DFL)

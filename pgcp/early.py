@@ -1,7 +1,0 @@
-"""Imported first by the process that local workers are forked from."""
-
-from __future__ import annotations
-
-from pgcp.forks import collect_seldom
-
-collect_seldom()

@@ -1,0 +1,109 @@
+"""Map the whole mesh at once, patch by patch, with the seams solved exactly: the answer does not depend on the cuts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from pgcp.errors import WeldFailedError
+from pgcp.interface.factor import InterfaceFactor
+from pgcp.interface.puncture import Opened, charts_of, close_on_sphere, close_region, open_at, puncture_face, straightened
+from pgcp.patches.mapped import Mapped
+from pgcp.patches.plan import plan_welds
+from pgcp.patches.run import Run
+from pgcp.patches.split import outer_edges
+from pgcp.patches.stored import Parts, gathered, spread_out
+from pgcp.patches.types import BoundaryCurve, Component, SeamPositions, SolveReport
+from pgcp.patches.weld import start_component, subdivide
+from pgcp.plane.curves import crosses_itself
+from pgcp.plane.space import PLANE, find_folds, map_coefficients
+from pgcp.types import ComplexArray, IntArray, Positions
+
+
+def eliminated(run: Run, parts: Parts, kept: IntArray) -> InterfaceFactor:
+    """The whole mesh's Laplacian with all but some vertices eliminated."""
+    plan = plan_welds(parts.split.table, parts.split.patch_count, run.is_closed)
+    factor = InterfaceFactor(run.executor, parts.job, len(parts.patches), plan, kept, len(run.mesh.vertices))
+    with run.clock.stage("eliminate"):
+        factor.eliminate_patches()
+    with run.clock.stage("merge"):
+        factor.merge()
+    return factor
+
+
+def map_open_exactly(run: Run, parts: Parts, place: Callable[[Run, ComplexArray], SeamPositions]) -> Mapped:
+    """DNCP or SCP of a whole open mesh; ``place`` says where its free boundary z (n_B,) goes in the target."""
+    factor = eliminated(run, parts, run.boundary)
+    with run.clock.stage("flatten"):
+        z = factor.free_boundary(run.mesh.vertices[run.boundary])
+    with run.clock.stage("constrain"):
+        seams = place(run, z)
+    with run.clock.stage("solve"):
+        on_boundary = spread_out(seams, len(run.mesh.vertices))[run.boundary]
+        solved = factor.extend_patches(factor.extend_seams(on_boundary))
+    with run.clock.stage("assemble"):
+        points, mu = gathered(run, parts, PLANE)
+    factor.release()
+    return Mapped(parts, run.target, points, mu, seams, solved, details={"interface": factor.record()})
+
+
+def as_it_is(run: Run, z: ComplexArray) -> SeamPositions:
+    """The free boundary z (n_B,) as it is."""
+    return SeamPositions(run.boundary, z)
+
+
+def whole_boundary(run: Run, z: ComplexArray) -> Component:
+    """The surface's boundary as a component of its own, subdivided; raises WeldFailedError where it crosses itself."""
+    if crosses_itself(z):
+        raise WeldFailedError(
+            "the free boundary of the whole surface crosses itself and cannot be brought to the disk; weld it"
+        )
+    table = outer_edges(run.mesh, run.topology, run.mollification)
+    loop = run.boundary
+    parts = table.parts[table.rank(loop, np.roll(loop, -1))]
+    return start_component(BoundaryCurve(0, loop, subdivide(z, parts)), run.mesh.vertices, table)
+
+
+def map_closed_exactly(run: Run, parts: Parts) -> Mapped:
+    """A whole closed mesh, opened at a face, mapped to the plane and closed on the sphere."""
+    opened = open_at(run.mesh, puncture_face(run.mesh))
+    factor = eliminated(run, parts, opened.kept)
+    with run.clock.stage("flatten"):
+        z = factor.opened_positions()
+    seams = SeamPositions(opened.kept, z)
+    with run.clock.stage("solve"):
+        solved = factor.extend_patches(factor.extend_seams(z))
+    with run.clock.stage("assemble"):
+        planar, _ = gathered(run, parts, PLANE)
+    with run.clock.stage("close"):
+        points = _closed(run, planar, opened, factor)
+        mu = map_coefficients(run.target.space, run.mesh, run.mesh.faces, points)
+        solved = seen_on_the_final_map(run, parts, solved, points, mu)
+    factor.release()
+    return Mapped(parts, run.target, points, mu, seams, solved, details={"interface": factor.record()})
+
+
+def _closed(run: Run, z: ComplexArray, opened: Opened, factor: InterfaceFactor) -> Positions:
+    """The opened surface's planar map on the sphere, both sides of the second ring solved again in charts of their own."""
+    points = close_on_sphere(run.mesh, straightened(run.mesh, z, opened.far))
+    if opened.far.any():
+        charts = factor.alternated(charts_of(points, opened))
+        points = close_region(points, ~opened.far, factor.extend(charts.within()), charts.pole_beyond)
+        points = close_region(points, opened.far, factor.extend(charts.beyond()), charts.pole_near)
+    return points
+
+
+def seen_on_the_final_map(
+    run: Run, parts: Parts, solved: list[SolveReport], points: Positions, mu: ComplexArray
+) -> list[SolveReport]:
+    """Reports of the patches with folds and largest |mu| counted again on the final map."""
+    labels, count = parts.split.labels, parts.split.patch_count
+    folds = np.bincount(labels[find_folds(run.target.space, run.mesh.faces, points)], minlength=count)
+    largest = np.zeros(count)
+    np.maximum.at(largest, labels, np.abs(mu))
+    return [
+        replace(s, fold_count=int(folds[s.patch]), first_fold_count=int(folds[s.patch]), mu_max=float(largest[s.patch]))
+        for s in solved
+    ]

@@ -1,0 +1,113 @@
+"""All file formats by name: reading, writing, the choices of ``--write`` and the table in the docs come from here.
+
+A format is registered by the file of this room that reads and writes it; these files are imported when formats are asked for.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, distribution
+from typing import IO, Any
+
+import numpy as np
+
+from pgcp.errors import InputError
+from pgcp.types import FloatArray, IntArray
+
+Beside = Callable[[str], bytes]
+Arrays = Mapping[str, np.ndarray[Any, Any]]
+DEFAULT_OUTPUTS = ("npz", "obj", "ply")
+VERTICES = "vertices"
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """One kind of file, and how it is read and written.
+
+    name: as ``--write`` has it; suffixes: in lower case with the dot, the first for files that are written; summary: a line
+    for the documentation.
+    read(data, beside): vertices (V, 3) float64 and faces (F, 3) integers from a file's bytes; ``beside(name)`` gives the bytes
+    of another file of the same folder; raises BadFileError with a sentence. None where the format is not read.
+    write(stream, arrays): writes "faces" (F, 3), and of the arrays named in ``carries`` those that there are. None where the
+    format is not written.
+    carries: which arrays a written file holds beside the faces: "vertices" (V, 3) of the surface; the map's coordinates, "uv"
+    (V, 2) in the plane or "sphere" (V, 3); "patch" and "mu" (F,); "vertex_of" (V,) and "face_of" (F,) of a fixed mesh. Where a
+    format has no place for the map's coordinates beside the vertices, they take the place of the vertices: the mesh is then
+    the image of the map.
+    looks: a regular expression that matches how such files begin, and what they are called where their name is wrong.
+    needs: packages, as they are installed, that pgcp does without where the format is not used.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    summary: str
+    read: Callable[[bytes, Beside], tuple[FloatArray, IntArray]] | None = None
+    write: Callable[[IO[bytes], Arrays], None] | None = None
+    carries: tuple[str, ...] = (VERTICES,)
+    looks: tuple[bytes, str] | None = None
+    needs: tuple[str, ...] = ()
+
+    def check_packages(self, doing: str) -> None:
+        """Raise InputError where a package is not installed that ``doing`` ("reading" or "writing") needs."""
+        for name in self.needs:
+            try:
+                distribution(name)
+            except PackageNotFoundError as problem:
+                raise InputError(
+                    f"{doing} {self.suffixes[0]} needs the package {name}, which is not installed: pip install {name}"
+                ) from problem
+
+
+FORMATS: dict[str, Format] = {}
+
+
+def register(kind: Format) -> Format:
+    """Add a format, or put it in the place of one of the same name; returns it."""
+    for other in FORMATS.values():
+        taken = set(kind.suffixes) & set(other.suffixes)
+        if taken and other.name != kind.name:
+            raise ValueError(f"the suffix {min(taken)} of the format {kind.name} is one of the format {other.name}")
+    FORMATS[kind.name] = kind
+    return kind
+
+
+def formats() -> tuple[Format, ...]:
+    """All formats, in the order of their names."""
+    for module in pkgutil.iter_modules(importlib.import_module("pgcp.io").__path__):
+        importlib.import_module(f"pgcp.io.{module.name}")
+    return tuple(FORMATS[name] for name in sorted(FORMATS))
+
+
+def readable() -> tuple[Format, ...]:
+    """Formats that are read."""
+    return tuple(kind for kind in formats() if kind.read is not None)
+
+
+def writable() -> tuple[Format, ...]:
+    """Formats that are written."""
+    return tuple(kind for kind in formats() if kind.write is not None)
+
+
+def of_suffix(suffix: str, kinds: Collection[Format]) -> Format | None:
+    """The one of these formats whose files end so, in capitals or not."""
+    return next((kind for kind in kinds if suffix.lower() in kind.suffixes), None)
+
+
+def suffixes_of(kinds: Collection[Format]) -> str:
+    """The suffixes of formats, as they can stand in a sentence."""
+    return ", ".join(suffix for kind in kinds for suffix in kind.suffixes)
+
+
+def outputs(names: Collection[str]) -> tuple[Format, ...]:
+    """Formats to write, by name; raises InputError where there is no such format or its packages are missing."""
+    known = {kind.name: kind for kind in writable()}
+    chosen = []
+    for name in names:
+        if name not in known:
+            raise InputError(f"unknown format {name!r} of results; choose from {', '.join(known)}")
+        known[name].check_packages("writing")
+        chosen.append(known[name])
+    return tuple(chosen)

@@ -1,0 +1,82 @@
+"""CEM: conformal energy minimisation by a fixed-point iteration (Yueh, Lin, Wu, Yau 2017), the start of CCEM.
+
+One step moves every boundary vertex to where it is harmonic, the interior held, L_BB w = -L_BI f_I, and puts the boundary
+back on the circle, its mean at 0, so that it cannot shrink to a point. With the interior harmonic, -L_BI f_I is
+(L_BB - S) f_B. There is no line search: the energy may rise, and the boundary may lose its order.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csc_array, csr_array
+from scipy.sparse.linalg import splu
+
+from pgcp.elimination.dirichlet import DirichletFactor
+from pgcp.methods.base import Method, whole
+from pgcp.methods.common.boundary_energy import (
+    Descent,
+    EnergyMap,
+    Step,
+    energy_and_gradient,
+    extended,
+    goes_round_once,
+    increasing_angles,
+    on_circle,
+)
+from pgcp.methods.common.disk import Disk, DiskMap, map_disk, of_energy
+from pgcp.types import FloatArray
+
+ITERATIONS = 20
+TOLERANCE = 1e-6
+
+
+def cem_boundary(
+    schur: FloatArray, block: csr_array, start: FloatArray, iterations: int = ITERATIONS, tolerance: float = TOLERANCE
+) -> Descent:
+    """Iterate from increasing angles (n_B,) until the energy changes by less than ``tolerance``.
+
+    schur S and block L_BB (n_B, n_B). Ends before that where the boundary loses its order. Returns the iterate of least
+    energy; the record holds all.
+    """
+    solver = splu(csc_array(block))
+    best = angles = start
+    energy, gradient = energy_and_gradient(schur, angles)
+    least = energy
+    steps = [Step("cem", 0, energy, float(np.linalg.norm(gradient)))]
+    for iteration in range(1, iterations + 1):
+        z = on_circle(angles)
+        plane = np.column_stack([z.real, z.imag])
+        plane -= solver.solve(schur @ plane)
+        plane -= plane.mean(axis=0)
+        z = plane[:, 0] + 1j * plane[:, 1]
+        if not (np.isfinite(z).all() and goes_round_once(z)):
+            return Descent(best, tuple(steps), False)
+        angles, before = increasing_angles(z), energy
+        energy, gradient = energy_and_gradient(schur, angles)
+        steps.append(Step("cem", iteration, energy, float(np.linalg.norm(gradient))))
+        if energy < least:
+            best, least = angles, energy
+        if abs(energy - before) < tolerance:
+            return Descent(best, tuple(steps), True)
+    return Descent(best, tuple(steps), False)
+
+
+def cem_map(factor: DirichletFactor, block: csr_array, start: FloatArray) -> EnergyMap:
+    """Map a disk-like surface to the unit disk by CEM; arguments as ``ccem_map``'s."""
+    found = cem_boundary(factor.schur, block, start)
+    return EnergyMap(extended(factor, found.angles), found.steps, found.converged)
+
+
+def _map(disk: Disk) -> DiskMap:
+    return of_energy(cem_map(disk.factor, disk.boundary_block(), disk.start_angles()))
+
+
+METHOD = Method(
+    name="cem",
+    targets=("disk",),
+    summary="conformal energy minimised by a fixed-point iteration on the boundary, up to 20 steps",
+    guarantees="boundary in order; no descent promised",
+    reference="Yueh, Lin, Wu, Yau 2017",
+    mapper=whole(lambda run, parts: map_disk(run, parts, _map)),
+    moebius="none",
+)

@@ -1,0 +1,76 @@
+"""The frame of disk methods that work on the boundary of the undivided mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from pgcp.interface.factor import InterfaceFactor
+from pgcp.interface.whole_mesh import eliminated, seen_on_the_final_map
+from pgcp.methods.common.boundary_energy import EnergyMap, plain_steps
+from pgcp.methods.common.double_cover import central_face, harmonic_boundary, late_heat, start_angles
+from pgcp.patches.mapped import Mapped
+from pgcp.patches.run import Run
+from pgcp.patches.stored import Parts
+from pgcp.patches.types import SeamPositions, SolveReport
+from pgcp.plane.space import map_coefficients
+from pgcp.surface.operators import cotangent_laplacian
+from pgcp.surface.topology import used_vertices
+from pgcp.types import ComplexArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Disk:
+    """A surface to be mapped to the disk: its run, boundary loop (n_B,), the Laplacian's factor on it, and the central face."""
+
+    run: Run
+    loop: IntArray
+    factor: InterfaceFactor
+    centre: int
+
+    def start_angles(self) -> FloatArray:
+        """Boundary angles (n_B,) of the harmonic map of the double cover, increasing through one turn."""
+        mesh = self.run.mesh
+        return start_angles(harmonic_boundary(mesh.vertices, mesh.faces[self.centre], self.factor))
+
+    def boundary_block(self) -> csr_array:
+        """The rows and columns of the Laplacian (n_B, n_B) at boundary vertices."""
+        mesh = self.run.mesh
+        near = np.zeros(len(mesh.vertices), bool)
+        near[self.loop] = True
+        faces = mesh.faces[near[mesh.faces].any(axis=1)]
+        return csr_array(cotangent_laplacian(mesh.vertices, faces, self.run.mollification)[self.loop][:, self.loop])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DiskMap:
+    """Positions z (V,) in the closed unit disk, and what the report says of how they were found."""
+
+    z: ComplexArray
+    details: dict[str, Any]
+
+
+def of_energy(found: EnergyMap) -> DiskMap:
+    """The map of a descent on the conformal energy, with its iterations."""
+    return DiskMap(found.z, {"iterations": plain_steps(found.steps), "converged": found.converged})
+
+
+def map_disk(run: Run, parts: Parts, find: Callable[[Disk], DiskMap]) -> Mapped:
+    """Eliminate the mesh up to its boundary, have ``find`` map it, and see what became of the patches."""
+    mesh, loop = run.mesh, run.boundary
+    factor = eliminated(run, parts, loop)
+    with run.clock.stage("centre"):
+        centre = central_face(mesh.vertices, mesh.faces, late_heat(loop, used_vertices(mesh), factor))
+    with run.clock.stage("map"):
+        found = find(Disk(run, loop, factor, centre))
+    record = factor.record()
+    factor.release()
+    mu = map_coefficients(run.target.space, mesh, mesh.faces, found.z)
+    untouched = [SolveReport(patch.index, 0, 0, 0, 0.0) for patch in parts.patches]
+    solved = seen_on_the_final_map(run, parts, untouched, found.z, mu)
+    details = {"interface": record, **found.details}
+    return Mapped(parts, run.target, found.z, mu, SeamPositions(loop, found.z[loop]), solved, details=details)

@@ -1,0 +1,183 @@
+"""Map a mesh, and where that fails or leaves folds try again: other welds, exact seams, another seed, fewer patches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pgcp.errors import CrowdedError, NumericalError, PartitionInputError, WeldFailedError
+from pgcp.folds.repair import embedding_alone, repair_folds
+from pgcp.methods.base import FAILURES, Attempt, Choice, Failure, Mapper, Method
+from pgcp.patches.mapped import Mapped
+from pgcp.patches.run import Run
+from pgcp.patches.stored import Parts, discard, store_parts
+from pgcp.patches.types import SeamPositions
+from pgcp.plane.curves import crossings
+from pgcp.retry.decide import Tried, next_attempt
+from pgcp.retry.finished import EMBED, Finished, are_few, finish, local_repairs, repaired_at_last, surroundings, target_of
+from pgcp.targets.registry import TARGETS
+from pgcp.types import ComplexArray, IntArray
+
+_LISTED = 10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """A finished map, what was tried before it, where it overlaps itself, and why it is not the map that was asked for."""
+
+    done: Finished
+    tried: tuple[Tried, ...] = ()
+    overlap: dict[str, Any] | None = None
+    fallback: dict[str, str] | None = None
+
+
+class _Splits:
+    """The splits of a mesh that attempts ask for: one is stored at a time, the one before it discarded."""
+
+    def __init__(self, run: Run, method: Method) -> None:
+        self._run, self._method = run, method
+        self._parts: Parts | None = None
+        self._mapper: Mapper | None = None
+        self._key: tuple[int, int] | None = None
+
+    def map(self, attempt: Attempt) -> Mapped | Failure:
+        """The map of an attempt; raises PartitionInputError where the mesh cannot be split so."""
+        key = attempt.patches, attempt.seed
+        if self._mapper is None or self._key != key:
+            self.discard()
+            self._parts = store_parts(self._run, *key, self._run.cuts, f"{attempt.patches}-{attempt.seed}")
+            self._mapper, self._key = self._method.mapper(self._run, self._parts), key
+        return self._mapper(attempt.route)
+
+    def discard(self) -> None:
+        """Remove the files of the split at hand."""
+        if self._parts is not None:
+            discard(self._parts)
+        self._parts = self._mapper = None
+
+
+def _choice(run: Run) -> Choice:
+    """What attempts may be made of."""
+    options, fewest = run.options, run.fewest_patches
+    count = max(fewest, run.patch_count)
+    varies = options.cuts is None and count > fewest and options.seams != "exact"
+    exact_first = options.seams == "exact" or (options.patches == 1 and run.is_closed)
+    return Choice(count, options.seed, fewest, varies, exact_first)
+
+
+def _best(run: Run, method: Method) -> tuple[Finished, tuple[Tried, ...]]:
+    """The first map without folds, or the one with fewest, repaired by all means; and what was tried before it.
+
+    A map with many folds is a wrong one, and is not repaired as long as there may be a better one; the last tier of repair
+    waits as well. Raises _NothingError where no attempt led to a map worth repairing.
+    """
+    splits, choice = _Splits(run, method), _choice(run)
+    history: list[Tried] = []
+    best: Finished | None = None
+    problem: NumericalError | PartitionInputError | None = None
+    while (attempt := next_attempt(method.attempts(choice), history)) is not None:
+        try:
+            found = splits.map(attempt)
+        except PartitionInputError as refusal:
+            if not history:
+                raise
+            problem = refusal.with_traceback(None)
+            history.append(Tried(attempt, "split", str(refusal), stage="split"))
+            continue
+        if isinstance(found, Failure):
+            if found.problem is not None:
+                problem = found.problem.with_traceback(None)
+            crowded = isinstance(found.problem, CrowdedError)
+            history.append(Tried(attempt, found.label, str(found.problem), stage=found.stage, crowded=crowded))
+            continue
+        done = finish(run, method, found)
+        if done.folds == 0 or method.to_target is None:
+            return repaired_at_last(run, done), _told(history)
+        best = min(best or done, done, key=lambda d: (d.folds, d.repaired.folds_before))
+        reason = f"{done.repaired.folds_before} folds, {done.folds} of them left after repair"
+        history.append(Tried(attempt, found.route, reason, done.folds))
+    splits.discard()
+    is_wrong = best is not None and not are_few(run, best.folds) and not target_of(run.target).has_free_boundary
+    if best is None or (is_wrong and EMBED in run.options.repairs):
+        raise _NothingError(
+            _told(history), problem or WeldFailedError(f"every map had folds, {best.folds if best else 0} and more")
+        )
+    return repaired_at_last(run, best), _told(history)
+
+
+class _NothingError(Exception):
+    """No attempt led to a map that is worth repairing: what was tried, and the last problem."""
+
+    def __init__(self, tried: tuple[Tried, ...], problem: Exception) -> None:
+        super().__init__(tried, problem)
+        self.tried, self.problem = tried, problem
+
+
+def _told(history: list[Tried]) -> tuple[Tried, ...]:
+    """What is told of a history: not that there was no further weld plan."""
+    return tuple(tried for tried in history if tried.stage != "plan")
+
+
+def _overlap(z: ComplexArray, boundary: IntArray) -> dict[str, Any]:
+    """Where the boundary of a map z (V,) to the plane crosses itself: how often, and the first pairs of boundary edges."""
+    found = crossings(z[boundary])
+    after = np.roll(boundary, -1)
+    edges = [[[int(boundary[i]), int(after[i])] for i in pair] for pair in found[:_LISTED].tolist()]
+    return {"crossings": len(found), "edges": edges}
+
+
+def _embedded(run: Run, tried: tuple[Tried, ...], reason: str) -> Outcome:
+    """The whole mesh embedded at once, without welds: free of folds, but hardly conformal."""
+    target = TARGETS.get(target_of(run.target).gives_way_to or run.target.name)
+    here = surroundings(run, target)
+    everything = np.arange(len(run.mesh.faces))
+    with run.clock.stage("embed"):
+        repaired = repair_folds(here, embedding_alone(here), local_repairs(run))
+    parts = store_parts(run, run.fewest_patches, run.options.seed, None, "whole")
+    none = np.empty(0, np.int64)
+    nowhere = SeamPositions(none, repaired.points[none])
+    mapped = Mapped(parts, target, repaired.points, np.zeros(len(everything), np.complex128), nowhere, [])
+    done = Finished(mapped, replace(repaired, touched=everything))
+    return Outcome(done, tried, None, {"from": run.target.name, "to": f"{target.name} (embedding)", "reason": reason})
+
+
+def map_mesh(run: Run, method: Method) -> Outcome:
+    """Map a mesh to its target.
+
+    A free map that is left with folds, or with overlaps where none are wanted, gives way to the map to the disk from the
+    same welds, whose boundary is convex. Where all welds fail, or the disk has no room, the mesh is embedded as a whole. A
+    method that gives no way to other maps returns its own.
+    Raises NumericalError where there is no map, or none without overlaps.
+    """
+    try:
+        done, tried = _best(run, method)
+    except _NothingError as nothing:
+        if EMBED not in run.options.repairs or method.to_target is None or not isinstance(nothing.problem, FAILURES):
+            raise nothing.problem from None
+        return _embedded(run, nothing.tried, str(nothing.problem))
+    is_free = target_of(run.target).has_free_boundary
+    outcome = _free_or_other(run, method, done, tried) if is_free else Outcome(done, tried)
+    if run.options.seams == "exact" and outcome.fallback is None and outcome.done.mapped.seams_by != "exact":
+        return replace(outcome, fallback={"from": "exact seams", "to": "welded ones", "reason": tried[0].reason})
+    return outcome
+
+
+def _free_or_other(run: Run, method: Method, done: Finished, tried: tuple[Tried, ...]) -> Outcome:
+    """The free map, or the map to the target it gives way to, where folds are left or overlaps are not wanted."""
+    overlap = _overlap(done.points, run.boundary)
+    unwanted = run.options.no_overlap and overlap["crossings"] > 0
+    other = target_of(run.target).gives_way_to
+    is_needed = unwanted or (done.folds > 0 and EMBED in run.options.repairs)
+    if not is_needed or other is None or method.to_target is None:
+        return Outcome(done, tried, overlap)
+    reason = f"the boundary crosses itself {overlap['crossings']} times" if unwanted else f"{done.folds} folds are left"
+    elsewhere = replace(run, target=TARGETS.get(other))
+    try:
+        found = repaired_at_last(run, finish(run, method, method.to_target(elsewhere, done.mapped)))
+    except NumericalError as problem:
+        if unwanted and not done.folds:
+            raise
+        return _embedded(run, tried, f"{reason}, and to the {other} {problem}")
+    return Outcome(found, tried, None, {"from": run.target.name, "to": other, "reason": reason})
