@@ -23,6 +23,7 @@ from pgcp.surface.operators import cotangent_laplacian
 from pgcp.types import ComplexArray, FloatArray, IntArray
 
 BACKENDS = ("nested", "pardiso", "superlu")
+_IN_ITS_PLACE = "superlu"  # for what the nested elimination cannot do: the same on every machine, with MKL or without
 
 
 class DirichletSolver(Protocol):
@@ -95,7 +96,7 @@ def eliminate_mesh(
 
     keeps(bytes), where the backend can do without, is asked whether the factor itself is wanted, or only the Schur complement;
     ``is_whole`` says which it was. Where rounding leaves the nested elimination without a positive pivot, as with needles,
-    another backend does it. Raises SolveFailedError where the block to be eliminated is singular or a value is not finite.
+    SuperLU does it. Raises SolveFailedError where the block to be eliminated is singular or a value is not finite.
     """
     if backend == "nested":
         from pgcp.elimination.nested import NestedFactor
@@ -103,7 +104,7 @@ def eliminate_mesh(
         try:
             return _finite(NestedFactor(vertices, faces, kept, mollification, keeps))
         except SolveFailedError:
-            backend = available_backends()[0]
+            backend = _IN_ITS_PLACE
     return eliminate_interior(cotangent_laplacian(vertices, faces, mollification), kept, backend)
 
 
@@ -124,11 +125,11 @@ def harmonic_solver(
 
         with suppress(SolveFailedError):
             return NestedSolver(vertices, faces, kept, mollification, order)
-    return eliminate_mesh(vertices, faces, kept, available_backends()[0] if backend == "nested" else backend, mollification)
+    return eliminate_mesh(vertices, faces, kept, _IN_ITS_PLACE if backend == "nested" else backend, mollification)
 
 
 def eliminate_interior(laplacian: csr_array, boundary: IntArray, backend: str = "superlu") -> DirichletFactor:
-    """Factor any Laplacian (n, n), symmetric, with ``boundary`` (n_B,) kept last; nested stands for the best other backend.
+    """Factor any Laplacian (n, n), symmetric, with ``boundary`` (n_B,) kept last; nested stands for superlu.
 
     Raises SolveFailedError where the interior block is singular or a value is not finite.
     """
@@ -138,7 +139,7 @@ def eliminate_interior(laplacian: csr_array, boundary: IntArray, backend: str = 
     interior_mask[boundary] = False
     interior = np.flatnonzero(interior_mask)
     if backend == "nested":
-        backend = available_backends()[0]
+        backend = _IN_ITS_PLACE
     if backend == "pardiso" and len(interior):
         from pgcp.elimination.pardiso import PardisoFactor
 

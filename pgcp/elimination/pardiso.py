@@ -6,6 +6,7 @@ import ctypes
 import functools
 import sys
 import sysconfig
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,9 @@ from pgcp.errors import SolveFailedError
 from pgcp.types import ComplexArray, FloatArray, IntArray
 
 _SYMMETRIC_INDEFINITE = -2
+_SEQUENTIAL = 1
+# in Schur mode PARDISO crashes now and then when two threads of a process are in it; __del__ may come within a call
+_ONE_AT_A_TIME = threading.RLock()
 _MESSAGES = {
     -1: "the input is inconsistent",
     -2: "there is not enough memory",
@@ -26,7 +30,7 @@ _MESSAGES = {
 
 
 @functools.cache
-def _library() -> Any:
+def runtime() -> Any:
     """Return the MKL runtime, loaded once, or None where it is not installed."""
     places = [Path(sysconfig.get_path("data")), Path(sys.prefix)]
     for place in places:
@@ -36,14 +40,21 @@ def _library() -> Any:
                     library = ctypes.CDLL(str(path))
                 except OSError:
                     continue
-                library.MKL_Set_Num_Threads(ctypes.c_int(1))
                 return library
     return None
 
 
+@functools.cache
+def _sequential() -> Any:
+    """Return the MKL runtime without threads of its own; the tasks are what runs in parallel."""
+    library = runtime()
+    library.MKL_Set_Threading_Layer(ctypes.c_int(_SEQUENTIAL))
+    return library
+
+
 def is_available() -> bool:
     """Whether the MKL runtime can be loaded."""
-    return _library() is not None
+    return runtime() is not None
 
 
 def _pointer(array: Any) -> ctypes.c_void_p:
@@ -58,6 +69,9 @@ class PardisoFactor:
         matrix = csr_array(triu(laplacian[order][:, order], format="csr"))
         matrix.sum_duplicates()
         matrix.sort_indices()
+        starts, stops = matrix.indptr[:-1], matrix.indptr[1:]
+        if np.any(starts == stops) or np.any(matrix.indices[starts] != np.arange(len(order))):  # PARDISO counts on them
+            raise SolveFailedError(f"a Laplacian of {len(order)} vertices has rows without a diagonal entry")
         self._n, self._n_boundary, self._order = len(order), len(boundary), order
         self._data = np.ascontiguousarray(matrix.data, np.float64)
         self._indptr = matrix.indptr.astype(np.int32)
@@ -132,12 +146,13 @@ class PardisoFactor:
         count = 2 if right.ndim == 2 else 1
         integers = [ctypes.c_int32(v) for v in (1, 1, _SYMMETRIC_INDEFINITE, phase, self._n, count, 0, 0)]
         maxfct, mnum, kind, what, size, columns, quiet, status = integers
-        _library().pardiso(
-            _pointer(self._handle), ctypes.byref(maxfct), ctypes.byref(mnum), ctypes.byref(kind), ctypes.byref(what),
-            ctypes.byref(size), _pointer(self._data), _pointer(self._indptr), _pointer(self._indices),
-            _pointer(self._permutation), ctypes.byref(columns), _pointer(self._iparm), ctypes.byref(quiet),
-            _pointer(right), _pointer(result), ctypes.byref(status),
-        )  # fmt: skip
+        with _ONE_AT_A_TIME:
+            _sequential().pardiso(
+                _pointer(self._handle), ctypes.byref(maxfct), ctypes.byref(mnum), ctypes.byref(kind), ctypes.byref(what),
+                ctypes.byref(size), _pointer(self._data), _pointer(self._indptr), _pointer(self._indices),
+                _pointer(self._permutation), ctypes.byref(columns), _pointer(self._iparm), ctypes.byref(quiet),
+                _pointer(right), _pointer(result), ctypes.byref(status),
+            )  # fmt: skip
         if status.value != 0:
             reason = _MESSAGES.get(status.value, f"code {status.value}")
             raise SolveFailedError(f"PARDISO failed on a Laplacian of {self._n} vertices: {reason}")

@@ -55,7 +55,7 @@ class Pardiso:
         self._handle, self._settings = np.zeros(64, np.int64), np.zeros(64, np.int32)
         self._settings[[0, 1, 9, 34]] = 1, order, 8, 1  # no defaults; ordering; pivots perturbed by 1e-8; indices from zero
         self._order = np.zeros(self._size, np.int32)
-        self._library = pardiso._library()
+        self._library = pardiso.runtime()
         self._library.MKL_Set_Num_Threads(ctypes.c_int(threads))
 
     def call(self, phase: int, right: np.ndarray, solution: np.ndarray) -> None:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from meshes import cap, grid, lifted
@@ -115,3 +117,32 @@ def test_a_backend_that_is_not_installed_is_refused(monkeypatch):
     assert available_backends() == ("superlu",)
     with pytest.raises(InputError, match="not installed"):
         choose_backend("pardiso")
+
+
+@pytest.mark.parametrize("backend", available_backends())
+def test_a_vertex_without_faces_is_refused(backend):
+    mesh = grid(3)
+    lonely = np.concatenate([mesh.vertices, [[5.0, 5, 5]]])
+    with pytest.raises(SolveFailedError):
+        eliminate_interior(cotangent_laplacian(lonely, mesh.faces), loop_of(mesh), backend)
+
+
+def test_what_stands_in_for_nested_is_the_same_with_mkl_and_without(hills):
+    laplacian, boundary = cotangent_laplacian(hills.vertices, hills.faces), loop_of(hills)
+    nested, superlu = (eliminate_interior(laplacian, boundary, name) for name in ("nested", "superlu"))
+    assert type(nested) is type(superlu)
+    assert np.array_equal(nested.schur, superlu.schur)
+
+
+@pytest.mark.skipif("pardiso" not in available_backends(), reason="the package mkl is not installed")
+def test_pardiso_in_several_threads_gives_what_it_gives_in_one():
+    meshes = [lifted(grid(9 + k, 7, jitter=0.3)) for k in range(6)]
+
+    def schur(mesh):
+        return eliminate_interior(cotangent_laplacian(mesh.vertices, mesh.faces), loop_of(mesh), "pardiso").schur
+
+    alone = [schur(mesh) for mesh in meshes]
+    with ThreadPoolExecutor(6) as pool:
+        for _ in range(5):
+            for one, other in zip(alone, pool.map(schur, meshes), strict=True):
+                assert np.array_equal(one, other)

@@ -24,11 +24,11 @@ from distributed import Client
 from meshes import grid, lifted
 
 import pgcp
-from pgcp import resume
 from pgcp.errors import LostFileError, StoppedError
 from pgcp.parallel import limited_to
 from pgcp.patches.stored import discard
 from pgcp.patches.types import BoundaryCurve
+from pgcp.runtime import resume
 from pgcp.runtime.executors import DaskExecutor, Tasks, submission
 from pgcp.runtime.executors.connection import Connection
 from pgcp.runtime.store import PatchStore
