@@ -13,6 +13,7 @@ METHOD = "pgcp"
 MOEBIUS = (AUTO, "none", "area", "angle")
 REPAIRS = ("relax", "compose", "average", "untangle", "embed")
 FLATTENERS = ("dncp", "scp")
+BACKENDS = ("nested", "pardiso", "superlu")
 SEAMS = ("weld", "relax", "exact")
 _LEAST_MEMORY = 10**9
 

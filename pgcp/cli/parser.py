@@ -10,7 +10,7 @@ from pathlib import Path
 from pgcp.errors import InputError
 from pgcp.io.formats import DEFAULT_OUTPUTS, outputs, readable, suffixes_of, writable
 from pgcp.methods.registry import METHODS
-from pgcp.options import AUTO, FLATTENERS, METHOD, MOEBIUS, REPAIRS, SEAMS, Options, Running
+from pgcp.options import AUTO, BACKENDS, FLATTENERS, METHOD, MOEBIUS, REPAIRS, SEAMS, Options, Running
 from pgcp.parallel import processor_count
 from pgcp.runtime.executors import EXECUTORS, may_have_workers
 from pgcp.targets.registry import TARGETS
@@ -20,7 +20,6 @@ _LARGE_FILE = 20_000_000
 
 def build_parser() -> argparse.ArgumentParser:
     """Build the command line's parser."""
-    # long: a table, an option after the other
     parser = argparse.ArgumentParser(
         prog="pgcp-run",
         description="Map a triangle mesh conformally to the plane, the disk or the sphere, patch by patch and in parallel.",
@@ -29,19 +28,86 @@ def build_parser() -> argparse.ArgumentParser:
     )
     files = suffixes_of(readable())
     parser.add_argument("mesh", nargs="?", type=Path, help=f"file of a mesh ({files}); without it, a built-in demo")
-    parser.add_argument(
+    parser.add_argument("--version", action="version", version=f"%(prog)s {_version()}")
+    _map_options(parser.add_argument_group("Map", "where the mesh is mapped, and how"))
+    _output_options(parser.add_argument_group("Output", "what is written and printed"))
+    _mesh_options(parser.add_argument_group("Mesh", "what is done to the mesh before it is mapped"))
+    _running_options(parser.add_argument_group("Running", "where the work is done"))
+    _fine_options(parser.add_argument_group("Method in detail", "what the defaults choose well for most meshes"))
+    return parser
+
+
+def _map_options(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--target",
+        choices=(AUTO, *TARGETS.names()),
+        default=AUTO,
+        help="plane with free boundary, disk or sphere; auto: by the surface",
+    )
+    group.add_argument(
+        "--method",
+        choices=METHODS.names(),
+        default=METHOD,
+        help=f"how the mesh is mapped (default {METHOD}, which serves every target); the others map the undivided mesh",
+    )
+    group.add_argument(
         "--patches", type=_number, metavar="K", help="number of patches; auto (default): by vertices, workers and memory"
     )
-    parser.add_argument(
+    group.add_argument("--centre", type=int, metavar="VERTEX", help="vertex at the disk's centre or the sphere's north pole")
+    group.add_argument(
+        "--moebius", choices=MOEBIUS, default="auto", help="correct the finished map for least area or angle distortion"
+    )
+    group.add_argument(
+        "--no-overlap", action="store_true", help="where a free map overlaps itself, map to the disk instead, and say so"
+    )
+
+
+def _output_options(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--output-dir", type=Path, metavar="DIR", help="where results go (default <stem>_pgcp beside the mesh)")
+    names = ", ".join(kind.name for kind in writable())
+    group.add_argument(
+        "--write",
+        type=_names,
+        default=DEFAULT_OUTPUTS,
+        metavar="LIST",
+        help=f"formats of the results (default {','.join(DEFAULT_OUTPUTS)}), of {names}",
+    )
+    group.add_argument("--no-obj", action="store_true", help="write no OBJ file")
+    group.add_argument("--no-ply", action="store_true", help="write no PLY file")
+    group.add_argument("--no-png", action="store_true", help="draw no picture")
+    group.add_argument("--json", action="store_true", help="print one JSON object: the result, or the error")
+    group.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    group.add_argument("--debug", action="store_true", help="show tracebacks")
+
+
+def _mesh_options(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--check-only", action="store_true", help="say what the mesh is and list its defects, then stop")
+    group.add_argument(
+        "--fix", action="store_true", help="repair the topology of a mesh that would be refused: cut, split, weld, fill holes"
+    )
+    group.add_argument("--cuts", type=Path, metavar="FILE", help="cut along these edges: one pair of vertex ids a line")
+    group.add_argument("--repair-cuts", action="store_true", help="mend parts that the cuts leave and that are no disks")
+
+
+def _running_options(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
         "--workers",
         type=_number,
         metavar="N",
         help="worker processes here, and processors in all; 0 for none; auto (default): one a processor for files of 20 MB and "
         "more, else none",
     )
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="use the running dask scheduler at this address")
-    parser.add_argument("--scheduler-file", type=Path, metavar="FILE", help="use the dask scheduler this file describes")
-    parser.add_argument(
+    group.add_argument("--resume", action="store_true", help="take up what an earlier run has finished; keep it when stopped")
+    group.add_argument("--store", type=Path, metavar="DIR", help="directory for patch files that all workers can open")
+    group.add_argument(
+        "--memory-limit", type=_bytes, metavar="SIZE", help="memory of all processes of this run together, such as 8GB"
+    )
+    group.add_argument("--scheduler", metavar="ADDRESS", help="use the running dask scheduler at this address")
+    group.add_argument("--scheduler-file", type=Path, metavar="FILE", help="use the dask scheduler this file describes")
+    group.add_argument("--tls-ca", type=Path, metavar="PEM", help="certificate of the authority, for a scheduler with TLS")
+    group.add_argument("--tls-cert", type=Path, metavar="PEM", help="own certificate, for a scheduler with TLS")
+    group.add_argument("--tls-key", type=Path, metavar="PEM", help="own key, for a scheduler with TLS")
+    group.add_argument(
         "--executor",
         choices=(AUTO, *EXECUTORS.names()),
         default=AUTO,
@@ -49,71 +115,26 @@ def build_parser() -> argparse.ArgumentParser:
         + "; ".join(f"{kind.name}: {kind.summary}" for kind in EXECUTORS.all())
         + "; auto (default): one with workers where there are workers or a scheduler",
     )
-    parser.add_argument("--store", type=Path, metavar="DIR", help="directory for patch files that all workers can open")
-    parser.add_argument("--resume", action="store_true", help="take up what an earlier run has finished; keep it when stopped")
-    parser.add_argument("--tls-ca", type=Path, metavar="PEM", help="certificate of the authority, for a scheduler with TLS")
-    parser.add_argument("--tls-cert", type=Path, metavar="PEM", help="own certificate, for a scheduler with TLS")
-    parser.add_argument("--tls-key", type=Path, metavar="PEM", help="own key, for a scheduler with TLS")
-    parser.add_argument(
-        "--target",
-        choices=(AUTO, *TARGETS.names()),
-        default=AUTO,
-        help="plane with free boundary, disk or sphere; auto: by the surface",
+    group.add_argument(
+        "--factor-cache-mb", type=int, metavar="MB", help="factors a worker may keep (default 1500, less if memory is short)"
     )
-    parser.add_argument("--centre", type=int, metavar="VERTEX", help="vertex at the disk's centre or the sphere's north pole")
-    parser.add_argument(
-        "--moebius", choices=MOEBIUS, default="auto", help="correct the finished map for least area or angle distortion"
+
+
+def _fine_options(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--flatten", choices=FLATTENERS, default="dncp", help="how patches are flattened (default dncp)")
+    group.add_argument(
+        "--seams", choices=SEAMS, default="weld", help="weld; solve them exactly inside the welded boundary; exact, no weld"
     )
-    parser.add_argument("--cuts", type=Path, metavar="FILE", help="cut along these edges: one pair of vertex ids a line")
-    parser.add_argument(
+    group.add_argument(
+        "--backend", choices=(AUTO, *BACKENDS), default=AUTO, help="how interiors are eliminated; pardiso needs pgcp[mkl]"
+    )
+    group.add_argument("--seed", type=int, default=0, help="seed of the partition (default 0)")
+    group.add_argument(
         "--repairs",
         default="all",
         metavar="LIST",
         help="which tiers may take folds away: all, none, or some of " + ", ".join(REPAIRS),
     )
-    parser.add_argument(
-        "--no-overlap", action="store_true", help="where a free map overlaps itself, map to the disk instead, and say so"
-    )
-    parser.add_argument("--repair-cuts", action="store_true", help="mend parts that the cuts leave and that are no disks")
-    parser.add_argument(
-        "--fix", action="store_true", help="repair the topology of a mesh that would be refused: cut, split, weld, fill holes"
-    )
-    parser.add_argument(
-        "--method",
-        choices=METHODS.names(),
-        default=METHOD,
-        help=f"how the mesh is mapped (default {METHOD}, which serves every target); the others map the undivided mesh",
-    )
-    parser.add_argument("--flatten", choices=FLATTENERS, default="dncp", help="how patches are flattened (default dncp)")
-    parser.add_argument(
-        "--seams", choices=SEAMS, default="weld", help="weld; solve them exactly inside the welded boundary; exact, no weld"
-    )
-    parser.add_argument("--backend", default="auto", help="how interiors are eliminated: auto, nested, pardiso or superlu")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the partition (default 0)")
-    parser.add_argument(
-        "--memory-limit", type=_bytes, metavar="SIZE", help="memory of all processes of this run together, such as 8GB"
-    )
-    parser.add_argument(
-        "--factor-cache-mb", type=int, metavar="MB", help="factors a worker may keep (default 1500, less if memory is short)"
-    )
-    parser.add_argument("--output-dir", type=Path, metavar="DIR", help="where results go (default <stem>_pgcp beside the mesh)")
-    names = ", ".join(kind.name for kind in writable())
-    parser.add_argument(
-        "--write",
-        type=_names,
-        default=DEFAULT_OUTPUTS,
-        metavar="LIST",
-        help=f"formats of the results (default {','.join(DEFAULT_OUTPUTS)}), of {names}",
-    )
-    parser.add_argument("--no-obj", action="store_true", help="write no OBJ file")
-    parser.add_argument("--no-ply", action="store_true", help="write no PLY file")
-    parser.add_argument("--no-png", action="store_true", help="draw no picture")
-    parser.add_argument("--check-only", action="store_true", help="say what the mesh is and list its defects, then stop")
-    parser.add_argument("--json", action="store_true", help="print one JSON object: the result, or the error")
-    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    parser.add_argument("--debug", action="store_true", help="show tracebacks")
-    parser.add_argument("--version", action="version", version=f"%(prog)s {_version()}")
-    return parser
 
 
 def _number(text: str) -> int | None:

@@ -19,10 +19,10 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from pgcp.errors import InputError, SolveFailedError
+from pgcp.options import AUTO, BACKENDS
 from pgcp.surface.operators import cotangent_laplacian
 from pgcp.types import ComplexArray, FloatArray, IntArray
 
-BACKENDS = ("nested", "pardiso", "superlu")
 _IN_ITS_PLACE = "superlu"  # for what the nested elimination cannot do: the same on every machine, with MKL or without
 
 
@@ -75,10 +75,10 @@ def available_backends() -> tuple[str, ...]:
 
 def choose_backend(name: str = "auto") -> str:
     """Resolve ``auto`` to the best backend; raise InputError where a named one is unknown or absent."""
-    if name == "auto":
+    if name == AUTO:
         return BACKENDS[0]
     if name not in BACKENDS:
-        raise InputError(f"unknown sparse backend {name!r}; choose from auto, {', '.join(BACKENDS)}")
+        raise InputError(f"unknown sparse backend {name!r}; choose from {AUTO}, {', '.join(BACKENDS)}")
     if name == "pardiso" and name not in available_backends():
         raise InputError("the pardiso backend is not installed here; install pgcp[mkl] or use --backend nested")
     return name
