@@ -34,6 +34,7 @@ PAGE = {page.stem: page.read_text() for page in PAGES}
 NOT_RUN = {  # commands by how they begin, and why they are not run here
     "scripts/test": "runs this test",
     "pip install": "needs the network",
+    "shtab ": "tests/cli/test_usage.py runs it",
     "dask ": "needs a cluster; tests/runtime starts one",
     "pgcp-run bust.ply --scheduler": "needs a cluster; tests/runtime starts one",
 }
@@ -97,7 +98,7 @@ def run_command(command, folder):
     assert words[0] in ("pgcp-run", "scripts/run"), f"{command}: neither run here nor listed in NOT_RUN"
     if "--workers" in words:
         return subprocess.run([sys.executable, "-m", "pgcp", *words[1:]], cwd=folder, check=False, timeout=300).returncode
-    return main(words[1:])
+    return main(words[1:] if words[0] == "pgcp-run" else ["--demo", *words[1:]])
 
 
 def run_program(text, folder):

@@ -13,17 +13,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
-from pgcp.cli.parser import (
-    build_parser,
-    options_of,
-    outputs_of,
-    running_of,
-)
+from pgcp.cli.parser import build_parser, options_of, outputs_of, running_of
 from pgcp.cli.summary import check_only, record, summary
 from pgcp.cli.terminal import BAD_INPUT, BUG, GOOD, NUMERICAL, STOPPED, STOPPED_BY, Bars, Signals, say
-from pgcp.errors import InputError, NumericalError, PgcpError, StoppedError
+from pgcp.cli.usage import SHORT_HELP, UsageError
+from pgcp.errors import InputError, NumericalError, StoppedError
 from pgcp.parallel import leave
 from pgcp.runtime.forks import collect_seldom, prepare_forks
+from pgcp.runtime.versions import package_versions
 
 _STATUS = {InputError: BAD_INPUT, NumericalError: NUMERICAL, StoppedError: STOPPED}
 _SYSTEM = {
@@ -93,30 +90,54 @@ def _stopped(signals: Signals, as_json: bool, resume: bool) -> int:
     return status
 
 
+def _failed(problem: Exception, arguments: argparse.Namespace, signals: Signals) -> int:
+    """Say why a run ended; returns the exit status."""
+    for kind, status in _STATUS.items():
+        if isinstance(problem, kind):
+            return _refused(problem, status, arguments.json)
+    if signals.received:  # compiled code makes another exception of the interrupt
+        return _stopped(signals, arguments.json, arguments.resume)
+    if isinstance(problem, OSError) and problem.errno in _SYSTEM:
+        return _refused(problem, BAD_INPUT, arguments.json)
+    if arguments.json:
+        say(json.dumps({"status": BUG, "error": type(problem).__name__, "message": str(problem)}))
+    print(f"pgcp-run: a bug: {type(problem).__name__}: {problem} (--debug shows where)", file=sys.stderr)
+    return BUG
+
+
+def _asked(words: Sequence[str]) -> argparse.Namespace | None:
+    """What a command line asks for, None where that has been said; raises UsageError where it cannot be understood."""
+    arguments = build_parser().parse_args(words)
+    if arguments.version:
+        versions = package_versions()
+        say(json.dumps(versions) if arguments.json else f"pgcp-run {versions.get('pgcp', '(not installed)')}")
+        return None
+    if not words:
+        say(SHORT_HELP)
+        return None
+    if arguments.mesh is None and not arguments.demo:
+        raise UsageError("no mesh is named; name a file, or --demo for the built-in one")
+    return arguments
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status."""
-    arguments = build_parser().parse_args(argv)
+    words = sys.argv[1:] if argv is None else argv
+    try:
+        arguments = _asked(words)
+    except UsageError as problem:
+        return _refused(problem, BAD_INPUT, "--json" in words)
+    if arguments is None:
+        return GOOD
     with Signals() as signals:
         try:
             return _run(arguments, signals)
-        except PgcpError as problem:
-            if arguments.debug:
-                raise
-            status = next(status for kind, status in _STATUS.items() if isinstance(problem, kind))
-            return _refused(problem, status, arguments.json)
         except KeyboardInterrupt:
             return _stopped(signals, arguments.json, arguments.resume)
         except Exception as problem:
-            if signals.received:  # compiled code makes another exception of the interrupt
-                return _stopped(signals, arguments.json, arguments.resume)
-            if arguments.debug:
+            if arguments.debug and not signals.received:
                 raise
-            if isinstance(problem, OSError) and problem.errno in _SYSTEM:
-                return _refused(problem, BAD_INPUT, arguments.json)
-            if arguments.json:
-                say(json.dumps({"status": BUG, "error": type(problem).__name__, "message": str(problem)}))
-            print(f"pgcp-run: a bug: {type(problem).__name__}: {problem} (--debug shows where)", file=sys.stderr)
-            return BUG
+            return _failed(problem, arguments, signals)
 
 
 def run() -> NoReturn:

@@ -7,6 +7,7 @@ import re
 from contextlib import suppress
 from pathlib import Path
 
+from pgcp.cli.usage import Parser
 from pgcp.errors import InputError
 from pgcp.io.formats import DEFAULT_OUTPUTS, outputs, readable, suffixes_of, writable
 from pgcp.methods.registry import METHODS
@@ -20,15 +21,16 @@ _LARGE_FILE = 20_000_000
 
 def build_parser() -> argparse.ArgumentParser:
     """Build the command line's parser."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="pgcp-run",
         description="Map a triangle mesh conformally to the plane, the disk or the sphere, patch by patch and in parallel.",
         epilog="Exit status: 0 good, 2 bad input or usage, 3 numerical failure or folds, 4 stopped by lost workers, scheduler "
         "or store, 1 a bug, 130 interrupted.",
     )
     files = suffixes_of(readable())
-    parser.add_argument("mesh", nargs="?", type=Path, help=f"file of a mesh ({files}); without it, a built-in demo")
-    parser.add_argument("--version", action="version", version=f"%(prog)s {_version()}")
+    parser.add_argument("mesh", nargs="?", type=Path, help=f"file of a mesh ({files})")
+    parser.add_argument("--demo", action="store_true", help="map the built-in demo surface where no mesh is named")
+    parser.add_argument("--version", action="store_true", help="print the version; with --json, those of the packages used too")
     _map_options(parser.add_argument_group("Map", "where the mesh is mapped, and how"))
     _output_options(parser.add_argument_group("Output", "what is written and printed"))
     _mesh_options(parser.add_argument_group("Mesh", "what is done to the mesh before it is mapped"))
@@ -161,15 +163,6 @@ def _bytes(text: str) -> int:
     if words is None:
         raise argparse.ArgumentTypeError(f"{text!r} is no size such as 500MB, 8GB or 7.5GiB")
     return int(float(words[1]) * (1024 if words[3] else 1000) ** " kmgt".index(words[2] or " "))
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("pgcp")
-    except PackageNotFoundError:
-        return "(not installed)"
 
 
 def _repairs(text: str) -> tuple[str, ...]:

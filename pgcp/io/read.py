@@ -12,6 +12,7 @@ import numpy as np
 
 from pgcp.errors import BadFileError
 from pgcp.io.formats import Format, of_suffix, readable, suffixes_of
+from pgcp.io.missing import explain_missing
 from pgcp.io.text import as_text, shown
 from pgcp.types import IntArray, Mesh
 
@@ -38,19 +39,32 @@ def _instead(data: bytes, kind: Format | None = None) -> str:
     return next((what for pattern, what in (*_LOOKS, *others) if re.match(pattern, start, re.IGNORECASE)), "")
 
 
+def _refuse_other_things(path: Path) -> None:
+    """Raise BadFileError where a path leads to no file, whatever its ending."""
+    try:
+        there, folder = path.exists(), path.is_dir()
+    except (OSError, ValueError):
+        return  # opening it says why
+    if folder:
+        raise BadFileError(f"{path}: it is a folder; name a file in it")
+    if not there:
+        raise BadFileError(f"{path}: {explain_missing(path)}")
+
+
 def _contents(path: Path) -> bytes:
     """All bytes of a regular file; raises BadFileError where there is none, without waiting for pipes or devices."""
     try:
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except FileNotFoundError as problem:
-        raise BadFileError(f"{path}: there is no such file") from problem
+        raise BadFileError(f"{path}: {explain_missing(path)}") from problem
     except (OSError, ValueError) as problem:
         reason = getattr(problem, "strerror", None) or str(problem)
         raise BadFileError(f"{str(path)!r}: the file cannot be opened: {reason}") from problem
     try:
         mode = os.fstat(handle).st_mode
         if not stat.S_ISREG(mode):
-            raise BadFileError(f"{path}: it is a {'directory' if stat.S_ISDIR(mode) else 'pipe or device'}, not a file")
+            what = "folder; name a file in it" if stat.S_ISDIR(mode) else "pipe or device, not a file"
+            raise BadFileError(f"{path}: it is a {what}")
         with os.fdopen(handle, "rb", closefd=False) as stream:
             return stream.read()
     except OSError as problem:
@@ -79,6 +93,7 @@ def read_mesh(path: str | Path) -> Mesh:
     mesh or a package is needed to read it.
     """
     path = Path(path)
+    _refuse_other_things(path)
     kinds = readable()
     kind = of_suffix(path.suffix, kinds)
     if kind is None or kind.read is None:

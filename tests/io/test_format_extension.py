@@ -71,6 +71,7 @@ def test_refusals_and_help_know_it(path, capsys):
     path.with_suffix(".ply").write_text("toy faces.txt")
     assert main([str(path.with_suffix(".ply"))]) == 2
     assert capsys.readouterr().err.endswith("; it looks like a toy; name it .toy\n")
+    path.with_suffix(".abc").write_text("dear sir")
     assert main([str(path.with_suffix(".abc"))]) == 2
     assert ".toy" in capsys.readouterr().err
     with pytest.raises(SystemExit):
