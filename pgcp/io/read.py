@@ -42,7 +42,7 @@ def _instead(data: bytes, kind: Format | None = None) -> str:
 def _refuse_other_things(path: Path) -> None:
     """Raise BadFileError where a path leads to no file, whatever its ending."""
     try:
-        there, folder = path.exists(), path.is_dir()
+        there, folder = os.path.lexists(path), path.is_dir()
     except (OSError, ValueError):
         return  # opening it says why
     if folder:
