@@ -12,7 +12,7 @@ def explain_missing(path: Path) -> str:
     """One sentence without its subject: why there is no file at a path, and which one may have been meant."""
     text = str(path)
     if scheme := re.match(r"(https?|ftp|s3|gs|file):/", text):
-        return f"a {scheme[1]} address is not read; download the file and name it"
+        return f"{scheme[1]} addresses are not read; download the file and name it"
     near: list[str] = []
     with suppress(OSError, ValueError):
         near = get_close_matches(path.name, [other.name for other in path.parent.iterdir() if other.is_file()], 1, 0.75)

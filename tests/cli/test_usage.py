@@ -37,7 +37,7 @@ def folder(tmp_path, monkeypatch):
         (["zebra.abc"], "zebra.abc: there is no such file\n"),
         (["scan"], "scan: it is a folder; name a file in it"),
         (["scan.zip"], "scan.zip: cannot read .zip"),
-        (["https://example.org/bunny.ply"], "a https address is not read; download the file and name it"),
+        (["https://example.org/bunny.ply"], "https addresses are not read; download the file and name it"),
     ],
 )
 def test_a_mistake_is_one_sentence_with_what_may_be_meant(words, said, folder, capsys):

@@ -377,7 +377,8 @@ def test_what_is_no_file_is_refused_at_once(read, tmp_path):
     os.mkfifo(tmp_path / "pipe.ply")
     (tmp_path / "null.ply").symlink_to("/dev/zero")
     (tmp_path / "ring.ply").symlink_to(tmp_path / "ring.ply")
-    for name, words in {"folder": "it is a folder", "pipe": "pipe", "null": "pipe or device", "ring": "cannot be opened"}.items():
+    said = {"folder": "it is a folder", "pipe": "pipe", "null": "pipe or device", "ring": "cannot be opened"}
+    for name, words in said.items():
         with pytest.raises(BadFileError, match=words):
             read(tmp_path / f"{name}.ply")
     with pytest.raises(BadFileError, match=r"cannot be opened|no such file"):
