@@ -46,10 +46,10 @@ def map_surface(mesh_of: Callable[[], Mesh], asked: Options, running: Running, p
     Split, flatten, weld and solve are the method's (``methods.pgcp``), constrain and place the target's.
     """
     with limited_to(running.workers) if running.starts_workers else nullcontext():
-        clock, name = Clock(), uuid.uuid4().hex[:12]
+        clock, name = Clock(progress), uuid.uuid4().hex[:12]
         method, options = method_of(asked)
         backend = choose_backend(options.backend)
-        with make_executor(running, name, progress, warm_up) as executor:
+        with make_executor(running, name, clock.progress, warm_up) as executor:
             taken = _taken_in(mesh_of, method, options, clock)
             plan = _planned(taken, running, executor)
             clock.executor = executor

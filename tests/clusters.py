@@ -19,6 +19,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import psutil
+from said import without_progress
 
 PATIENCE = "PATIENCE_S"
 PATCHES = 6
@@ -259,7 +260,7 @@ class Place:
     def end_of(process):
         """Exit status and standard error."""
         _, err = process.communicate(timeout=_LONG_S)
-        return process.returncode, err
+        return process.returncode, without_progress(err)
 
     def runs(self):
         """Directories of runs in the store."""

@@ -14,13 +14,16 @@ from pathlib import Path
 from typing import NoReturn
 
 from pgcp.cli.parser import build_parser, options_of, outputs_of, running_of
+from pgcp.cli.progress import Silent, display, logged
 from pgcp.cli.summary import check_only, record, summary
-from pgcp.cli.terminal import BAD_INPUT, BUG, GOOD, NUMERICAL, STOPPED, STOPPED_BY, Bars, Signals, say
+from pgcp.cli.terminal import BAD_INPUT, BUG, GOOD, NUMERICAL, STOPPED, STOPPED_BY, Signals, say
 from pgcp.cli.usage import SHORT_HELP, UsageError
 from pgcp.errors import InputError, NumericalError, StoppedError
+from pgcp.options import Options, Running
 from pgcp.parallel import leave
 from pgcp.runtime.forks import collect_seldom, prepare_forks
 from pgcp.runtime.versions import package_versions
+from pgcp.types import Parameterization
 
 _STATUS = {InputError: BAD_INPUT, NumericalError: NUMERICAL, StoppedError: STOPPED}
 _SYSTEM = {
@@ -29,20 +32,39 @@ _SYSTEM = {
 
 
 def _run(arguments: argparse.Namespace, signals: Signals) -> int:
-    options, running = options_of(arguments), running_of(arguments)
-    if running.starts_workers and not arguments.check_only:
-        prepare_forks()
+    """Do what a command line asks for; returns the exit status."""
+    started = time.perf_counter()
+    with logged(arguments.log_file):
+        with display(arguments.quiet) as shown:
+            shown("start", 0, 0)
+            options, running = options_of(arguments), running_of(arguments)
+            if arguments.check_only:
+                return _checked(arguments, shown)
+            if running.starts_workers:
+                prepare_forks()
+            result, directory, paths = _mapped(arguments, options, running, signals, shown)
+        return _told(result, time.perf_counter() - started, directory, paths, arguments)
+
+
+def _checked(arguments: argparse.Namespace, shown: Silent) -> int:
+    """Say what a mesh is; returns the exit status."""
     from pgcp.io.read import read_mesh
     from pgcp.surface.demo import demo_mesh
 
-    started = time.perf_counter()
-    if arguments.check_only:
-        mesh = demo_mesh() if arguments.mesh is None else read_mesh(arguments.mesh)
-        return check_only(mesh, arguments.target, arguments.fix)
+    shown("read", 0, 0)
+    mesh = demo_mesh() if arguments.mesh is None else read_mesh(arguments.mesh)
+    shown("check", 0, 0)
+    return check_only(mesh, arguments.target, arguments.fix)
+
+
+def _mapped(
+    arguments: argparse.Namespace, options: Options, running: Running, signals: Signals, shown: Silent
+) -> tuple[Parameterization, Path, list[Path]]:
+    """The map of a mesh, the folder of the results, and the files written there."""
     from pgcp.api import compute
     from pgcp.io.write import write_outputs
     from pgcp.report.picture import draw
-    from pgcp.report.record import fold_message
+    from pgcp.surface.demo import demo_mesh
 
     stem = "demo" if arguments.mesh is None else arguments.mesh.stem
     beside = Path() if arguments.mesh is None else arguments.mesh.parent
@@ -52,24 +74,33 @@ def _run(arguments: argparse.Namespace, signals: Signals) -> int:
     if arguments.mesh is not None and directory.is_dir() and directory.samefile(beside):
         raise InputError(f"{directory}: results here would take the place of {arguments.mesh}; choose another --output-dir")
     kinds = outputs_of(arguments)
-    with Bars(sys.stderr.isatty() and not arguments.quiet) as bars:
-        result = compute(demo_mesh() if arguments.mesh is None else arguments.mesh, options, running, bars)
+    shown("start", 1, 1)
+    result = compute(demo_mesh() if arguments.mesh is None else arguments.mesh, options, running, shown)
     try:
+        shown("draw", 0, 0)
         picture = None if arguments.no_png else draw(result)
+        shown("draw", 1, 1)
+        shown("write", 0, 0)
         paths = write_outputs(directory, stem, result, picture, signals.held(), kinds)
+        shown("write", 1, 1)
     except OSError as problem:
         raise InputError(f"{directory}: cannot write the results: {problem}") from problem
+    return result, directory, paths
+
+
+def _told(result: Parameterization, seconds: float, directory: Path, paths: list[Path], arguments: argparse.Namespace) -> int:
+    """Say what a map is like; returns the exit status."""
+    from pgcp.report.record import fold_message
+
     if arguments.json:
-        say(json.dumps(record(result, time.perf_counter() - started, paths)))
+        say(json.dumps(record(result, seconds, paths)))
     elif not arguments.quiet:
-        say(summary(result, time.perf_counter() - started, directory))
-    if result.quality.folds:
-        print(
-            f"pgcp-run: {fold_message(result)}. The results in {directory} are marked so (report.json: status folded)",
-            file=sys.stderr,
-        )
-        return NUMERICAL
-    return GOOD
+        say(summary(result, seconds, directory))
+    if not result.quality.folds:
+        return GOOD
+    where = f"The results in {directory} are marked so (report.json: status folded)"
+    print(f"pgcp-run: {fold_message(result)}. {where}", file=sys.stderr)
+    return NUMERICAL
 
 
 def _refused(problem: Exception, status: int, as_json: bool) -> int:

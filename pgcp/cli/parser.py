@@ -78,6 +78,7 @@ def _output_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--no-ply", action="store_true", help="write no PLY file")
     group.add_argument("--no-png", action="store_true", help="draw no picture")
     group.add_argument("--json", action="store_true", help="print one JSON object: the result, or the error")
+    group.add_argument("--log-file", type=Path, metavar="FILE", help="append the stages of the run, with times, to this file")
     group.add_argument("--quiet", action="store_true", help="print nothing but errors")
     group.add_argument("--debug", action="store_true", help="show tracebacks")
 

@@ -1,4 +1,4 @@
-"""Signals, progress bars and lines on the terminal; exit statuses."""
+"""Signals, printed lines, exit statuses."""
 
 from __future__ import annotations
 
@@ -26,37 +26,6 @@ def say(text: str) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not isinstance(problem, BrokenPipeError):
             raise InputError(f"cannot print: {problem.strerror}") from problem
-
-
-class Bars(AbstractContextManager["Bars"]):
-    """A bar per stage, on a terminal; nothing elsewhere."""
-
-    def __init__(self, shown: bool) -> None:
-        self._bars: Any = None
-        self._tasks: dict[str, Any] = {}
-        if shown:
-            from rich.console import Console
-            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-            columns = (TextColumn("{task.description:<10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-            self._bars = Progress(*columns, console=Console(stderr=True))
-
-    def __call__(self, stage: str, done: int, total: int) -> None:
-        """Show so much progress of a stage."""
-        if self._bars is None:
-            return
-        if stage not in self._tasks:
-            self._tasks[stage] = self._bars.add_task(stage, total=total)
-        self._bars.update(self._tasks[stage], completed=done, total=total)
-
-    def __enter__(self) -> Bars:
-        if self._bars is not None:
-            self._bars.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._bars is not None:
-            self._bars.stop()
 
 
 class Signals(AbstractContextManager["Signals"]):

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from meshes import grid, icosphere, lifted, lines_up, spheroid
+from said import without_progress
 
 import pgcp
 from pgcp.errors import InputError
@@ -561,7 +562,7 @@ def test_the_command_fixes_files_quickly(name, mesh_folder, tmp_path):
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert process.stderr is not None
     assert process.stdout is not None
-    said = process.stderr.read()
+    said = without_progress(process.stderr.read())
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     most = int(process.stdout.read().split()[-2])
