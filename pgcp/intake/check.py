@@ -123,7 +123,10 @@ def _judged_mended(mended: Mended, asked: Asked) -> tuple[Geometry | None, Input
     named = mended.mesh
     if mended.fixes:
         named = Mesh(named.vertices, named.faces, f"{named.name}, fixed,", named.filler)
-    with beside(partial(measure, mended.mesh)) as measured:
+    look = partial(measure, mended.mesh)
+    if mended.known is not None:  # nothing to look for meanwhile
+        return _judged(named, asked, mended.known, look)
+    with beside(look) as measured:
         return _judged(named, asked, mended.topology, measured)
 
 
