@@ -22,7 +22,7 @@ from pgcp.errors import InputError, NumericalError, SolveFailedError, StoppedErr
 from pgcp.options import Options, Running
 from pgcp.parallel import leave
 from pgcp.runtime.address_space import NEEDS_MEMORY, check_address_space
-from pgcp.runtime.forks import collect_seldom, prepare_forks
+from pgcp.runtime.forks import collect_seldom, leave_nothing, prepare_forks
 from pgcp.runtime.versions import package_versions
 from pgcp.types import Parameterization
 
@@ -188,5 +188,6 @@ def run() -> NoReturn:
     with suppress(OSError):
         sys.stdout.flush()
         sys.stderr.flush()
+    leave_nothing()
     leave(status)
     raise SystemExit(status)
