@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -50,14 +50,16 @@ def map_surface(mesh_of: Callable[[], Mesh], asked: Options, running: Running, p
         clock, name = Clock(progress), uuid.uuid4().hex[:12]
         method, options = method_of(asked)
         backend = choose_backend(options.backend)
-        with make_executor(running, name, clock.progress, warm_up) as executor:
+        # what tasks write to goes when no worker writes any more
+        with ExitStack() as at_last, make_executor(running, name, clock.progress, warm_up) as executor:
             taken = _taken_in(mesh_of, method, options, clock)
             plan = _planned(taken, running, executor)
             clock.executor = executor
-            with resumable(running, run_key(taken.mesh, taken.options, taken.cuts, plan.patches, backend)) as directory:
-                run = _run(taken, plan, Job(Owner(name), directory, options.flatten, backend, plan.factor_cache_bytes), clock)
-                with _tidied(executor, name):
-                    outcome = map_mesh(run, method)
+            key = run_key(taken.mesh, taken.options, taken.cuts, plan.patches, backend)
+            directory = at_last.enter_context(resumable(running, key))
+            run = _run(taken, plan, Job(Owner(name), directory, options.flatten, backend, plan.factor_cache_bytes), clock)
+            with _tidied(executor, name):
+                outcome = map_mesh(run, method)
             with clock.stage("place"):
                 coordinates, mu = _placed(run, outcome)
             description = executor.describe()

@@ -18,15 +18,20 @@ from pgcp.cli.progress import Silent, display, logged
 from pgcp.cli.summary import check_only, record, summary
 from pgcp.cli.terminal import BAD_INPUT, BUG, GOOD, NUMERICAL, STOPPED, STOPPED_BY, Signals, have_streams, say
 from pgcp.cli.usage import SHORT_HELP, UsageError
-from pgcp.errors import InputError, NumericalError, SolveFailedError, StoppedError
-from pgcp.options import Options, Running
-from pgcp.parallel import leave
+from pgcp.errors import InputError, NumericalError, PgcpError, SolveFailedError, StoppedError
+from pgcp.options import AUTO, Options, Running
+from pgcp.parallel import leave, processor_count
 from pgcp.runtime.address_space import NEEDS_MEMORY, check_address_space
+from pgcp.runtime.compiled import cache_is_temporary, compile_all, compiled_together, drop_temporary_cache
 from pgcp.runtime.forks import collect_seldom, leave_nothing, prepare_forks
 from pgcp.runtime.versions import package_versions
 from pgcp.types import Parameterization
 
 _STATUS = {InputError: BAD_INPUT, NumericalError: NUMERICAL, StoppedError: STOPPED}
+_NO_CACHE = (
+    "no folder for compiled code can be written, neither beside the package nor in the home directory; what this run compiles "
+    "is lost when it ends; NUMBA_CACHE_DIR may name a folder"
+)
 _SYSTEM = {
     getattr(errno, name) for name in ("ENOSPC", "EFBIG", "EDQUOT", "EROFS", "EACCES", "EPERM", "EIO") if hasattr(errno, name)
 }
@@ -44,7 +49,10 @@ def _run(arguments: argparse.Namespace, signals: Signals) -> int:
                 return _checked(arguments, shown)
             if running.starts_workers:
                 prepare_forks()
-            result, directory, paths = _mapped(arguments, options, running, signals, shown)
+            if cache_is_temporary() and not arguments.quiet:
+                print(f"pgcp-run: {_NO_CACHE}", file=sys.stderr)
+            with compiled_together(_usual(arguments.target), processor_count() - 1, shown):
+                result, directory, paths = _mapped(arguments, options, running, signals, shown)
         return _told(result, time.perf_counter() - started, directory, paths, arguments)
 
 
@@ -145,6 +153,19 @@ def _failed(problem: Exception, arguments: argparse.Namespace, signals: Signals)
     return BUG
 
 
+def _usual(target: str) -> str:
+    """The usual run that comes nearest to one with a target."""
+    return "free" if target == AUTO else target
+
+
+def _warm_up(quiet: bool) -> None:
+    """Compile all that any run needs."""
+    if cache_is_temporary():
+        raise InputError(_NO_CACHE)
+    with display(quiet) as shown:
+        compile_all(processor_count(), shown)
+
+
 def _asked(words: Sequence[str]) -> argparse.Namespace | None:
     """What a command line asks for, None where that has been said; raises UsageError where it cannot be understood."""
     arguments = build_parser().parse_args(words)
@@ -154,6 +175,9 @@ def _asked(words: Sequence[str]) -> argparse.Namespace | None:
         return None
     if not words:
         say(SHORT_HELP)
+        return None
+    if arguments.warm_up:
+        _warm_up(arguments.quiet)
         return None
     if arguments.mesh is None and not arguments.demo:
         raise UsageError("no mesh is named; name a file, or --demo for the built-in one")
@@ -165,8 +189,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if argv is None else argv
     try:
         arguments = _asked(words)
-    except UsageError as problem:
-        return _refused(problem, BAD_INPUT, "--json" in words)
+    except PgcpError as problem:
+        return _refused(problem, BAD_INPUT if isinstance(problem, InputError) else NUMERICAL, "--json" in words)
     if arguments is None:
         return GOOD
     with Signals() as signals:
@@ -189,5 +213,6 @@ def run() -> NoReturn:
         sys.stdout.flush()
         sys.stderr.flush()
     leave_nothing()
+    drop_temporary_cache()
     leave(status)
     raise SystemExit(status)

@@ -7,6 +7,7 @@ import os
 import shutil
 import tempfile
 import time
+import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,6 +17,9 @@ _SCRATCH = "pgcp-"
 
 
 _LOCK = ".lock"
+
+
+_TRIES, _PAUSE_S = 5, 0.05
 
 
 _RESUMABLE_S = 7 * 24 * 3600
@@ -83,11 +87,15 @@ def _empty(path: Path) -> None:
 
 
 def _remove(path: Path) -> None:
-    """Remove a directory that is claimed, the lock last: nobody claims it before it is empty."""
-    with contextlib.suppress(OSError):  # somebody claims it now
-        _empty(path)
-        (path / _LOCK).unlink()
-        path.rmdir()
+    """Remove a directory that is claimed: it gets another name first, so that neither a late task nor another run is in it."""
+    gone = path.with_name(f"{_SCRATCH}{uuid.uuid4().hex}")
+    with contextlib.suppress(OSError):
+        path.rename(gone)
+        for _ in range(_TRIES):
+            shutil.rmtree(gone, ignore_errors=True)
+            if not gone.exists():
+                return
+            time.sleep(_PAUSE_S)  # a task was just writing
 
 
 def _remove_abandoned(parent: Path) -> None:

@@ -8,13 +8,11 @@ import tempfile
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from clusters import Place, Processes, kill, wait_until
 from meshes import grid, lifted
 
 import pgcp
-from pgcp.types import Mesh
 
 SHARED = Path("/dev/shm")
 
@@ -66,29 +64,35 @@ def nothing_left(temporary):
     wait_until(lambda: shared() <= before, "an end of shared memory", seconds=10)
 
 
-@pytest.mark.parametrize("words", [(), ("--workers", "2"), ("--workers", "2", "--json", "--target", "disk")])
+@pytest.mark.parametrize("words", [(), ("--workers", "2")])
 def test_a_run_that_ends_well_leaves_nothing(words, place):
     assert place.finish("--quiet", *words)[0] == 0
     assert place.runs() == []
 
 
-@pytest.mark.parametrize("words", [("--target", "sphere"), ("--cuts", "nowhere"), ("--patches", "5000")])
+@pytest.mark.parametrize("words", [("--target", "sphere"), pytest.param(("--cuts", "nowhere"), marks=pytest.mark.slow)])
 def test_a_run_that_is_refused_leaves_nothing(words, place):
     assert place.finish("--workers", "2", *words)[0] == 2
     assert place.runs() == []
 
 
 def test_a_map_with_folds_leaves_nothing(place):
-    mesh = lifted(grid(20, jitter=0.45), 2.0)
-    vertices = mesh.vertices + 0.08 * np.random.default_rng(1).normal(size=mesh.vertices.shape)
-    pgcp.write_mesh(place.folder / "hills.obj", Mesh(vertices, mesh.faces))
+    pgcp.write_mesh(place.folder / "hills.obj", lifted(grid(40, jitter=0.45), 4.0))
     status, _ = place.finish("--workers", "2", "--repairs", "none", "--quiet")
     assert status == 3
     assert place.runs() == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize("stage", ["flatten", "gather"])
+@pytest.mark.parametrize(
+    ("stage", "number"),
+    [
+        ("flatten", signal.SIGINT),
+        ("gather", signal.SIGTERM),
+        pytest.param("gather", signal.SIGINT, marks=pytest.mark.slow),
+        pytest.param("flatten", signal.SIGTERM, marks=pytest.mark.slow),
+        pytest.param("flatten", signal.SIGHUP, marks=pytest.mark.slow),
+    ],
+)
 def test_a_run_that_is_stopped_leaves_nothing(stage, number, place):
     place.hold(stage)
     process = place.start("--workers", "2", "--quiet")
@@ -99,7 +103,7 @@ def test_a_run_that_is_stopped_leaves_nothing(stage, number, place):
     assert place.runs() == []
 
 
-@pytest.mark.parametrize("seconds", [0.2, 0.4, 0.7, 1.0])
+@pytest.mark.parametrize("seconds", [0.4, *(pytest.param(s, marks=pytest.mark.slow) for s in (0.2, 0.7, 1.0, 1.3))])
 def test_a_run_that_is_stopped_while_it_starts_leaves_nothing(seconds, place):
     process = place.start("--workers", "2", "--quiet")
     time.sleep(seconds)
