@@ -72,6 +72,7 @@ def _mapped(
 ) -> tuple[Parameterization, Path, list[Path]]:
     """The map of a mesh, the folder of the results, and the files written there."""
     from pgcp.api import compute
+    from pgcp.io.files import claimed
     from pgcp.io.write import write_outputs
     from pgcp.report.picture import draw
     from pgcp.surface.demo import demo_mesh
@@ -85,16 +86,17 @@ def _mapped(
         raise InputError(f"{directory}: results here would take the place of {arguments.mesh}; choose another --output-dir")
     kinds = outputs_of(arguments)
     shown("start", 1, 1)
-    result = compute(demo_mesh() if arguments.mesh is None else arguments.mesh, options, running, shown)
-    try:
-        shown("draw", 0, 0)
-        picture = None if arguments.no_png else draw(result)
-        shown("draw", 1, 1)
-        shown("write", 0, 0)
-        paths = write_outputs(directory, stem, result, picture, signals.held(), kinds)
-        shown("write", 1, 1)
-    except OSError as problem:
-        raise InputError(f"{directory}: cannot write the results: {_of_system(problem)}") from problem
+    with claimed(directory):
+        result = compute(demo_mesh() if arguments.mesh is None else arguments.mesh, options, running, shown)
+        try:
+            shown("draw", 0, 0)
+            picture = None if arguments.no_png else draw(result)
+            shown("draw", 1, 1)
+            shown("write", 0, 0)
+            paths = write_outputs(directory, stem, result, picture, signals.held(), kinds)
+            shown("write", 1, 1)
+        except OSError as problem:
+            raise InputError(f"{directory}: cannot write the results: {_of_system(problem)}") from problem
     return result, directory, paths
 
 
