@@ -27,6 +27,7 @@ from pgcp.patches.warm_up import warm_up
 from pgcp.plane.space import map_coefficients
 from pgcp.report.record import run_report
 from pgcp.retry.course import Outcome, map_mesh
+from pgcp.runtime.address_space import check_address_space
 from pgcp.runtime.cache import Owner, drop_run
 from pgcp.runtime.clock import Clock
 from pgcp.runtime.executors import Executor, LocalExecutor, Progress, make_executor
@@ -129,7 +130,10 @@ def _planned(taken: _Taken, running: Running, executor: Executor) -> Plan:
     """Number of patches and size of the factor cache."""
     workers = running.workers or executor.describe()["workers"]
     sizes, fewest = (len(taken.mesh.vertices), len(taken.mesh.faces)), 1 if taken.topology.loops else 2
-    return make_plan(*sizes, workers, taken.options.patches, fewest, running.memory_limit_bytes, running.factor_cache_bytes)
+    limits = running.memory_limit_bytes, running.factor_cache_bytes
+    plan = make_plan(*sizes, workers, taken.options.patches, fewest, *limits)
+    check_address_space(*sizes, plan.patches, 0 if workers else 1)
+    return plan
 
 
 @contextmanager

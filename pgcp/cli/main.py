@@ -16,11 +16,12 @@ from typing import NoReturn
 from pgcp.cli.parser import build_parser, options_of, outputs_of, running_of
 from pgcp.cli.progress import Silent, display, logged
 from pgcp.cli.summary import check_only, record, summary
-from pgcp.cli.terminal import BAD_INPUT, BUG, GOOD, NUMERICAL, STOPPED, STOPPED_BY, Signals, say
+from pgcp.cli.terminal import BAD_INPUT, BUG, GOOD, NUMERICAL, STOPPED, STOPPED_BY, Signals, have_streams, say
 from pgcp.cli.usage import SHORT_HELP, UsageError
-from pgcp.errors import InputError, NumericalError, PgcpError, StoppedError
+from pgcp.errors import InputError, NumericalError, PgcpError, SolveFailedError, StoppedError
 from pgcp.options import AUTO, Options, Running
 from pgcp.parallel import leave, processor_count
+from pgcp.runtime.address_space import NEEDS_MEMORY, check_address_space
 from pgcp.runtime.compiled import cache_is_temporary, compile_all, compiled_together, drop_temporary_cache
 from pgcp.runtime.forks import collect_seldom, prepare_forks
 from pgcp.runtime.versions import package_versions
@@ -42,6 +43,7 @@ def _run(arguments: argparse.Namespace, signals: Signals) -> int:
     with logged(arguments.log_file):
         with display(arguments.quiet) as shown:
             shown("start", 0, 0)
+            check_address_space()
             options, running = options_of(arguments), running_of(arguments)
             if arguments.check_only:
                 return _checked(arguments, shown)
@@ -92,7 +94,7 @@ def _mapped(
         paths = write_outputs(directory, stem, result, picture, signals.held(), kinds)
         shown("write", 1, 1)
     except OSError as problem:
-        raise InputError(f"{directory}: cannot write the results: {problem}") from problem
+        raise InputError(f"{directory}: cannot write the results: {_of_system(problem)}") from problem
     return result, directory, paths
 
 
@@ -118,6 +120,11 @@ def _refused(problem: Exception, status: int, as_json: bool) -> int:
     return status
 
 
+def _of_system(problem: OSError) -> str:
+    """What the system says, and of which file."""
+    return f"{problem.filename}: {problem.strerror}" if problem.filename else str(problem)
+
+
 def _stopped(signals: Signals, as_json: bool, resume: bool) -> int:
     status: int = 128 + getattr(signal, signals.name)
     message = f"{STOPPED_BY[signals.name]}; nothing was written"
@@ -136,8 +143,10 @@ def _failed(problem: Exception, arguments: argparse.Namespace, signals: Signals)
             return _refused(problem, status, arguments.json)
     if signals.received:  # compiled code makes another exception of the interrupt
         return _stopped(signals, arguments.json, arguments.resume)
+    if isinstance(problem, MemoryError) or (isinstance(problem, OSError) and problem.errno == errno.ENOMEM):
+        return _refused(SolveFailedError(f"memory ran out ({problem}); {NEEDS_MEMORY}"), NUMERICAL, arguments.json)
     if isinstance(problem, OSError) and problem.errno in _SYSTEM:
-        return _refused(problem, BAD_INPUT, arguments.json)
+        return _refused(InputError(_of_system(problem)), BAD_INPUT, arguments.json)
     if arguments.json:
         say(json.dumps({"status": BUG, "error": type(problem).__name__, "message": str(problem)}))
     print(f"pgcp-run: a bug: {type(problem).__name__}: {problem} (--debug shows where)", file=sys.stderr)
@@ -197,6 +206,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def run() -> NoReturn:
     """Run the command and end the process."""
+    have_streams()
     collect_seldom()
     status = main()
     with suppress(OSError):

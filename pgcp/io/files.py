@@ -65,7 +65,9 @@ class _Part(AbstractContextManager["_Part"]):
             self.stream.close()
         os.replace(self._name, self.path)
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, _kind: object, problem: object, _traceback: object) -> None:
+        if isinstance(problem, OSError) and problem.filename is None:
+            problem.filename = str(self.path)  # writing to a stream does not say to which
         with contextlib.suppress(OSError):  # what could not be written is not wanted
             self.stream.close()
         self._name.unlink(missing_ok=True)
@@ -103,8 +105,12 @@ class FileSet:
     def sync(self) -> None:
         """Have all that was written on the disk: afterwards the switch takes no room and next to no time."""
         for part in self._parts:
-            part.stream.flush()
-            os.fsync(part.stream.fileno())
+            try:
+                part.stream.flush()
+                os.fsync(part.stream.fileno())
+            except OSError as problem:
+                problem.filename = str(part.path)
+                raise
 
     def switch(self) -> list[Path]:
         """Rename all files in the order they were opened; returns their paths."""
