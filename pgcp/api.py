@@ -83,6 +83,7 @@ def parameterize(
     tls_ca: str | Path | None = None,
     tls_cert: str | Path | None = None,
     tls_key: str | Path | None = None,
+    client: Any = None,
 ) -> Parameterization:
     """Map a simply connected surface conformally to the plane, the unit disk or the unit sphere (PGCP Algorithm 3).
 
@@ -101,7 +102,7 @@ def parameterize(
     )  # fmt: skip
     running = Running(
         workers, scheduler, as_given(scheduler_file), executor, as_given(store), factor_cache_bytes, memory_limit_bytes, resume,
-        as_given(tls_ca), as_given(tls_cert), as_given(tls_key),
+        as_given(tls_ca), as_given(tls_cert), as_given(tls_key), client,
     )  # fmt: skip
     result = compute(source, options, running, progress)
     if result.quality.folds:

@@ -33,6 +33,11 @@ class RunDirectory:
         self.keep = False
 
 
+def store_parent(store: Path | None) -> Path:
+    """The folder that stores of runs lie in, as workers, which have working directories of their own, find it."""
+    return (Path(tempfile.gettempdir()) if store is None else store).absolute()
+
+
 @contextlib.contextmanager
 def run_directory(parent: Path | None, key: str, resume: bool = False) -> Iterator[RunDirectory]:
     """Make a directory for a run, named by its key, in ``parent`` or where temporary files go.
@@ -40,7 +45,7 @@ def run_directory(parent: Path | None, key: str, resume: bool = False) -> Iterat
     One of that name which nobody uses is what an earlier run of the same key left: with ``resume`` it is taken up, else
     emptied. Where another run uses it, the name gets an ending. Those of killed runs are removed after a week.
     """
-    parent = (Path(tempfile.gettempdir()) if parent is None else parent).absolute()  # workers have folders of their own
+    parent = store_parent(parent)
     _remove_abandoned(parent)
     path, ending = parent / f"{_SCRATCH}{key}", 0
     while True:

@@ -99,6 +99,19 @@ def silenced() -> Iterator[None]:
             logger.setLevel(level)
 
 
+def checked_client(client: Any) -> Any:
+    """The same client; raises InputError for what is none, or none that can be used."""
+    from distributed import Client
+
+    if not isinstance(client, Client):
+        raise InputError(f"client is {client!r}, it must be a dask.distributed.Client (of a cluster, its get_client())")
+    if client.asynchronous:
+        raise InputError("client is asynchronous; give one made with asynchronous=False")
+    if client.status != "running":
+        raise InputError(f"client is {client.status}; give one that is connected to its scheduler")
+    return client
+
+
 def at_scheduler(scheduler: str | None, scheduler_file: Path | None, security: Security | None) -> Any:
     """A client of a running scheduler; raises InputError where none answers."""
     from distributed import Client
