@@ -140,14 +140,14 @@ def dask_setup(_worker):
 def main():
     """The command, with a log of what has arrived in its own process."""
     from pgcp.cli import main as cli
-    from pgcp.cli import progress
+    from pgcp.cli.progress import Silent
     from pgcp.runtime.executors.connection import Connection
 
-    def arrived(_bars, stage, done, total):
-        note(Path(), "at", stage, done, total)
+    class Heard(Silent):
+        def __call__(self, stage, done, total):
+            note(Path(), "at", stage, done, total)
 
-    for kind in (progress.Silent, progress.Bars, progress.Lines):
-        kind.__call__ = arrived
+    cli.display = lambda _quiet: Heard()
     Connection.patience_s = float(os.environ.get(PATIENCE, Connection.patience_s))
     cli.run()
 
