@@ -68,6 +68,9 @@ def _notes(report: dict[str, Any]) -> str:
     if report["overlap"] and report["overlap"]["crossings"]:
         crossings = _counted(report["overlap"]["crossings"], "time", "times")
         lines.append(f"the boundary crosses itself {crossings}: the map overlaps itself (--no-overlap maps to the disk)")
+    if report["single_precision_folds"] > 0:
+        folds = _counted(report["single_precision_folds"], "fold", "folds")
+        lines.append(f"rounded to 32-bit floats the map has {folds}: PLY files hold it in doubles, GLB files do not")
     return "".join(f"  {line}\n" for line in lines)
 
 

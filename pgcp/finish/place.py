@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from itertools import permutations, product
 
 import numba
 import numpy as np
@@ -50,14 +51,23 @@ def _moments(vertices: FloatArray, points: FloatArray, faces: IntArray) -> Float
     return total
 
 
+def _towards_surface(mesh: Mesh, points: FloatArray) -> FloatArray:
+    """The matrix M (3, 3) for which a rotation R that brings points @ R closest to the surface makes trace(R^T M) largest.
+
+    The surface's faces are seen from its centre and weighted by area.
+    """
+    parts = in_slices(lambda begin, end: _moments(mesh.vertices, points, mesh.faces[begin:end]), len(mesh.faces))
+    total = np.sum(parts, axis=0)
+    out: FloatArray = total[1:, 1:] - np.outer(total[1:, 0], total[0, 1:]) / total[0, 0]
+    return out
+
+
 def turn_to_surface(mesh: Mesh, points: FloatArray) -> FloatArray:
     """Rotate a map to the sphere (V, 3) so that it faces the way the surface does.
 
     The rotation that brings the points closest to the directions of the surface's faces from its centre, weighted by area.
     """
-    parts = in_slices(lambda begin, end: _moments(mesh.vertices, points, mesh.faces[begin:end]), len(mesh.faces))
-    total = np.sum(parts, axis=0)
-    u, _, v = np.linalg.svd(total[1:, 1:] - np.outer(total[1:, 0], total[0, 1:]) / total[0, 0])
+    u, _, v = np.linalg.svd(_towards_surface(mesh, points))
     turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
     turned: FloatArray = points @ turn
     turned /= np.sqrt(np.einsum("ij,ij->i", turned, turned))[:, None]
@@ -124,3 +134,32 @@ def place_sphere(done: Unplaced, centre: int | None = None) -> FloatArray:
         coordinates = coordinates @ rotation_to_north(coordinates[centre]).T
     coordinates[~done.used] = [0.0, 0.0, 1.0]
     return coordinates
+
+
+def turn_by_axes(done: Unplaced) -> FloatArray:
+    """Unit vectors (V, 3), turned by that of the 24 rotations that exchange axes which faces the surface best.
+
+    Nothing is rounded, so what is crowded at an axis point stays as it is.
+    """
+    matrix = _towards_surface(done.mesh, done.positions)
+    turns = [np.diag(signs)[:, order] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]
+    turn = max((t for t in turns if np.linalg.det(t) > 0.0), key=lambda t: float((t * matrix).sum()))
+    columns = np.argmax(np.abs(turn), axis=0)
+    coordinates: FloatArray = done.positions[:, columns] * turn[columns, range(3)]
+    coordinates[~done.used] = [0.0, 0.0, 1.0]
+    return coordinates
+
+
+def as_they_are(done: Unplaced) -> FloatArray:
+    """Coordinates (V, 2) where the map has them."""
+    return as_coordinates(done.positions, done.used)
+
+
+def scale_only(done: Unplaced) -> FloatArray:
+    """Coordinates (V, 2), scaled by a power of two so that their area is that of the surface to a factor of four."""
+    mesh = done.mesh
+    image = abs(signed_area(mesh.faces, done.positions))
+    surface = sum(in_slices(lambda begin, end: face_areas(mesh.vertices, mesh.faces[begin:end]).sum(), len(mesh.faces)))
+    exponent = int(np.round(0.5 * np.log2(surface / image))) if image > 0 else 0
+    z: ComplexArray = done.positions * 2.0**exponent
+    return as_coordinates(z, done.used)
