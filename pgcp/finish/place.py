@@ -17,6 +17,7 @@ from pgcp.surface.operators import face_areas
 from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, Positions
 
 _INSIDE = 1e-14
+_CROWDED = 1e-6  # smallest edge to the largest distance: from there on ten digits are not kept
 
 
 @numba.njit(cache=True, nogil=True)
@@ -84,18 +85,32 @@ class Unplaced:
     used: BoolArray
 
 
+@numba.njit(cache=True, nogil=True)
+def _smallest_face(faces: IntArray, z: ComplexArray) -> tuple[int, float]:
+    """First corner and first edge's length of the face for which that edge is shortest."""
+    best, least = 0, np.inf
+    for f in range(faces.shape[0]):
+        length = abs(z[faces[f, 1]] - z[faces[f, 0]])
+        if length < least:
+            best, least = faces[f, 0], length
+    return best, least
+
+
 def place_free(done: Unplaced, centre: int | None = None) -> FloatArray:
     """Coordinates (V, 2): total area as on the surface, boundary centred at the origin, its long axis horizontal.
 
-    There is no ``centre`` to bring a vertex to.
+    Where some part is so small that its coordinates would lose digits there, the smallest one is at the origin instead. There
+    is no ``centre`` to bring a vertex to.
     """
     del centre
     mesh, z, boundary = done.mesh, done.positions, done.boundary
     middle = z[boundary].mean()
+    tip, size = _smallest_face(mesh.faces, z)
+    origin = z[tip] if size < _CROWDED * np.abs(z[boundary] - middle).max() else middle
     axis = np.exp(-0.5j * np.angle(np.sum((z[boundary] - middle) ** 2)))
     image = abs(signed_area(mesh.faces, z))
     surface = sum(in_slices(lambda begin, end: face_areas(mesh.vertices, mesh.faces[begin:end]).sum(), len(mesh.faces)))
-    placed = z - middle
+    placed = z - origin
     placed *= axis * (np.sqrt(surface / image) if image > 0 else 1.0)
     return as_coordinates(placed, done.used)
 
@@ -161,5 +176,4 @@ def scale_only(done: Unplaced) -> FloatArray:
     image = abs(signed_area(mesh.faces, done.positions))
     surface = sum(in_slices(lambda begin, end: face_areas(mesh.vertices, mesh.faces[begin:end]).sum(), len(mesh.faces)))
     exponent = int(np.round(0.5 * np.log2(surface / image))) if image > 0 else 0
-    z: ComplexArray = done.positions * 2.0**exponent
-    return as_coordinates(z, done.used)
+    return as_coordinates(done.positions * complex(2.0**exponent), done.used)

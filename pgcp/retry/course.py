@@ -10,17 +10,22 @@ import numpy as np
 from pgcp.errors import CrowdedError, NumericalError, PartitionInputError, WeldFailedError
 from pgcp.folds.repair import embedding_alone, repair_folds
 from pgcp.methods.base import FAILURES, Attempt, Choice, Failure, Mapper, Method
+from pgcp.options import AUTO
 from pgcp.patches.mapped import Mapped
 from pgcp.patches.run import Run
 from pgcp.patches.stored import Parts, discard, store_parts
 from pgcp.patches.types import SeamPositions
 from pgcp.plane.curves import crossings
+from pgcp.plane.space import find_folds
+from pgcp.plane.unfold import unfolded
 from pgcp.retry.decide import Tried, next_attempt
 from pgcp.retry.finished import EMBED, Finished, are_few, finish, local_repairs, repaired_at_last, surroundings, target_of
+from pgcp.surface.distortion import angle_errors
 from pgcp.targets.registry import TARGETS
 from pgcp.types import ComplexArray, IntArray
 
 _LISTED = 10
+_GOOD_DEG = 2.0  # mean angle error up to which a free map is not compared with another
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,11 +162,47 @@ def map_mesh(run: Run, method: Method) -> Outcome:
         if EMBED not in run.options.repairs or method.to_target is None or not isinstance(nothing.problem, FAILURES):
             raise nothing.problem from None
         return _embedded(run, nothing.tried, str(nothing.problem))
-    is_free = target_of(run.target).has_free_boundary
-    outcome = _free_or_other(run, method, done, tried) if is_free else Outcome(done, tried)
+    if target_of(run.target).has_free_boundary:
+        outcome = _free_or_other(run, method, _freest(run, method, done), tried)
+    else:
+        outcome = Outcome(done, tried)
     if run.options.seams == "exact" and outcome.fallback is None and outcome.done.mapped.seams_by != "exact":
         return replace(outcome, fallback={"from": "exact seams", "to": "welded ones", "reason": tried[0].reason})
     return outcome
+
+
+def _freest(run: Run, method: Method, done: Finished) -> Finished:
+    """The best map with a free boundary that is at hand.
+
+    A developable surface is unfolded: that is its conformal map, exact to rounding. Where the free map has large errors, as
+    with a boundary of few vertices that the whole surface is squeezed into, the map to the target it gives way to may have
+    smaller ones; it then is the free map.
+    """
+    if method.to_target is None:
+        return done
+    everything = np.arange(len(done.mapped.mu))
+    flat = unfolded(run.mesh.vertices, run.mesh.faces, run.topology.twins)
+    if flat is not None and not (run.options.no_overlap and len(crossings(flat[run.boundary]))):
+        folds = len(find_folds(done.target.space, run.mesh.bare.faces, flat))
+        if folds <= done.folds and run.options.moebius in (AUTO, "none"):
+            return replace(done, repaired=replace(done.repaired, points=flat, touched=everything, folds=folds))
+    other = target_of(run.target).gives_way_to
+    error = _mean_error(run, done)
+    if other is None or done.folds or error < _GOOD_DEG:
+        return done
+    try:
+        mapped = method.to_target(replace(run, target=TARGETS.get(other)), done.mapped)
+        found = repaired_at_last(run, finish(run, method, mapped))
+    except (NumericalError, PartitionInputError):
+        return done
+    if found.folds > done.folds or (found.folds == done.folds and _mean_error(run, found) >= error):
+        return done
+    return replace(found, mapped=replace(found.mapped, target=run.target), correction=None)
+
+
+def _mean_error(run: Run, done: Finished) -> float:
+    """Mean angle error of a map, degrees."""
+    return float(angle_errors(run.mesh.bare, done.target.space.coordinates(done.points)).mean())
 
 
 def _free_or_other(run: Run, method: Method, done: Finished, tried: tuple[Tried, ...]) -> Outcome:
