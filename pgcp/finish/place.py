@@ -17,6 +17,7 @@ from pgcp.surface.operators import face_areas
 from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, Positions
 
 _INSIDE = 1e-14
+_TINY_EDGE = 1e-7
 _CROWDED = 1e-6  # smallest edge to the largest distance: from there on ten digits are not kept
 
 
@@ -142,8 +143,26 @@ def place_disk(done: Unplaced, centre: int | None = None) -> FloatArray:
     return as_coordinates(z, done.used)
 
 
+@numba.njit(cache=True, nogil=True)
+def _crowds_at_an_axis(faces: IntArray, points: FloatArray) -> bool:
+    """Whether the image (V, 3) has an edge at the end of an axis that is so short that its ends have few digits elsewhere."""
+    for f in range(faces.shape[0]):
+        a, b = faces[f, 0], faces[f, 1]
+        square = 0.0
+        for d in range(3):
+            square += (points[b, d] - points[a, d]) ** 2
+        if square < _TINY_EDGE**2 and np.abs(points[a]).max() > 1.0 - _TINY_EDGE:
+            return True
+    return False
+
+
 def place_sphere(done: Unplaced, centre: int | None = None) -> FloatArray:
-    """Unit vectors (V, 3) that face the way the surface does, or with a vertex at the north pole."""
+    """Unit vectors (V, 3) that face the way the surface does, or with a vertex at the north pole.
+
+    Where parts are crowded at an end of an axis the map is turned by axes only (see ``turn_by_axes``).
+    """
+    if centre is None and _crowds_at_an_axis(done.mesh.faces, done.positions):
+        return turn_by_axes(done)
     coordinates = turn_to_surface(done.mesh, done.positions)
     if centre is not None:
         coordinates = coordinates @ rotation_to_north(coordinates[centre]).T
