@@ -12,6 +12,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from pgcp.runtime.compiled import find_cache
+
 if TYPE_CHECKING:
     from pgcp.api import check_mesh, compute, parameterize
     from pgcp.errors import (
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     from pgcp.options import Options, Running
     from pgcp.types import Mesh, Parameterization, Quality
 
+find_cache()
 __version__ = "0.1.0"
 __all__ = [
     "BadFileError",

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from pgcp.errors import FoldError, InputError
 from pgcp.intake.check import inspect
 from pgcp.io.read import read_mesh
-from pgcp.options import AUTO, METHOD, REPAIRS, Options, Running
+from pgcp.options import AUTO, METHOD, REPAIRS, Options, Running, names_checked
 from pgcp.pipeline import map_surface
 from pgcp.report.record import fold_message
 from pgcp.runtime.executors import Progress, silent
@@ -43,9 +44,16 @@ def compute(
     source: Any, options: Options | None = None, running: Running | None = None, progress: Progress = silent
 ) -> Parameterization:
     """As ``parameterize``, but a map with folds is returned like any other: its quality says so."""
-    return map_surface(lambda: as_mesh(source), options or Options(), running or Running(), progress)
+    options, running = Options() if options is None else options, Running() if running is None else running
+    for name, given, kind in (("options", options, Options), ("running", running, Running)):
+        if not isinstance(given, kind):
+            raise InputError(f"{name} is {given!r}, it must be of type pgcp.{kind.__name__}")
+    if not callable(progress):
+        raise InputError(f"progress is {progress!r}, it must be a function of stage, done and total")
+    return map_surface(lambda: as_mesh(source), options, running, progress)
 
 
+@names_checked
 def parameterize(
     source: Any,
     *,
@@ -75,6 +83,7 @@ def parameterize(
     tls_ca: str | Path | None = None,
     tls_cert: str | Path | None = None,
     tls_key: str | Path | None = None,
+    client: Any = None,
 ) -> Parameterization:
     """Map a simply connected surface conformally to the plane, the unit disk or the unit sphere (PGCP Algorithm 3).
 
@@ -86,19 +95,16 @@ def parameterize(
     whose ``result`` holds the map, where the finished map has folded faces; StoppedError where workers, scheduler or store
     are lost.
     """
+    as_given = partial(cast, Any)  # options are made of the type they have where they are checked
     options = Options(
-        patches, target, centre, moebius, _path(cuts), repair_cuts, method, flatten, seams, backend, seed, tuple(repairs),
+        patches, target, centre, moebius, as_given(cuts), repair_cuts, method, flatten, seams, backend, seed, repairs,
         no_overlap, fix,
     )  # fmt: skip
     running = Running(
-        workers, scheduler, _path(scheduler_file), executor, _path(store), factor_cache_bytes, memory_limit_bytes, resume,
-        _path(tls_ca), _path(tls_cert), _path(tls_key),
+        workers, scheduler, as_given(scheduler_file), executor, as_given(store), factor_cache_bytes, memory_limit_bytes, resume,
+        as_given(tls_ca), as_given(tls_cert), as_given(tls_key), client,
     )  # fmt: skip
     result = compute(source, options, running, progress)
     if result.quality.folds:
         raise FoldError(fold_message(result), result)
     return result
-
-
-def _path(name: str | Path | None) -> Path | None:
-    return None if name is None else Path(name)

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+import inspect
+import operator
+import os
+import types
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from difflib import get_close_matches
+from functools import cache, wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar, get_args, get_origin, get_type_hints
 
 from pgcp.errors import InputError
+
+Given = ParamSpec("Given")
+Made = TypeVar("Made")
+Kind = TypeVar("Kind", bound=type)
 
 AUTO = "auto"
 METHOD = "pgcp"
@@ -18,6 +29,92 @@ SEAMS = ("weld", "relax", "exact")
 _LEAST_MEMORY = 10**9
 
 
+def names_checked(function: Callable[Given, Made]) -> Callable[Given, Made]:
+    """The same function, which raises InputError for a keyword that it has not, with the nearest that it has."""
+    known = [name for name in inspect.signature(function).parameters if name != "self"]
+
+    @wraps(function)
+    def checked(*values: Given.args, **named: Given.kwargs) -> Made:
+        """See the function."""
+        for name in named:
+            if name not in known:
+                near = get_close_matches(name, known, 1, 0.6)
+                raise InputError(f"unknown option {name!r}{f'; did you mean {near[0]}?' if near else ''}")
+        return function(*values, **named)
+
+    return checked
+
+
+def _options(kind: Kind) -> Kind:
+    """A class of options whose unknown keywords are InputErrors."""
+    kind.__init__ = names_checked(kind.__init__)  # type: ignore[misc]
+    return kind
+
+
+def _whole(value: Any) -> int:
+    if isinstance(value, bool):
+        raise TypeError
+    return int(value) if isinstance(value, float) and value.is_integer() else operator.index(value)
+
+
+def _truth(value: Any) -> bool:
+    if type(value).__name__ not in ("bool", "bool_"):  # the latter is NumPy's
+        raise TypeError
+    return bool(value)
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError
+    return value
+
+
+def _path(value: Any) -> Path:
+    return Path(os.fspath(value))
+
+
+def _texts(value: Any) -> tuple[str, ...]:
+    if isinstance(value, str) or not isinstance(value, Sequence | set | frozenset):
+        raise TypeError
+    return tuple(_text(one) for one in value)
+
+
+# type of an option: what makes one of what was given, and what it is called
+_TYPES: dict[Any, tuple[Callable[[Any], Any], str]] = {
+    int: (_whole, "a whole number"),
+    bool: (_truth, "True or False"),
+    str: (_text, "text"),
+    Path: (_path, "a path"),
+    tuple: (_texts, "several names"),
+}
+
+
+@cache
+def _types_of(kind: Any) -> dict[str, tuple[Any, bool]]:
+    """The type of each option of a class, and whether it may be None."""
+    out = {}
+    for name, hint in get_type_hints(kind).items():
+        choices = get_args(hint) if get_origin(hint) is types.UnionType else (hint,)
+        out[name] = next(get_origin(c) or c for c in choices if c is not type(None)), type(None) in choices
+    return out
+
+
+def _check_types(options: Any) -> None:
+    """Make every option of the type that it has; raises InputError where what was given is something else."""
+    class_: Any = type(options)
+    for name, (kind, may_be_none) in _types_of(class_).items():
+        value = getattr(options, name)
+        if (value is None and may_be_none) or kind not in _TYPES:
+            continue
+        make, called = _TYPES[kind]
+        try:
+            made = make(value)
+        except TypeError:
+            raise InputError(f"{name} is {value!r}, it must be {called}{' or None' if may_be_none else ''}") from None
+        object.__setattr__(options, name, made)
+
+
+@_options
 @dataclass(frozen=True, slots=True)
 class Options:
     """What is computed; the result depends on nothing else but the mesh, the number of workers at most through ``patches``.
@@ -48,6 +145,7 @@ class Options:
     fix: bool = False
 
     def __post_init__(self) -> None:
+        _check_types(self)
         _least("patches", self.patches, 1)
         _least("seed", self.seed, 0)
         if self.centre is not None and self.centre < 0:
@@ -59,12 +157,14 @@ class Options:
             _one_of("repair", name, REPAIRS)
 
 
+@_options
 @dataclass(frozen=True, slots=True)
 class Running:
     """Where and how a run runs: the bits of its results do not depend on it.
 
     workers: 0 for threads of this process, else processes on this machine, which is then the number of processors in use;
-    scheduler or scheduler_file: a running dask cluster; executor: name of what runs the tasks, or auto for the first that has
+    scheduler, scheduler_file or client: a running dask cluster, by its scheduler's address, the file that describes it, or a
+    live dask.distributed.Client, which stays open; executor: name of what runs the tasks, or auto for the first that has
     workers if workers are asked for; store: directory shared with the workers; factor_cache_bytes: what factors one process may
     keep between the passes, None for 1.5 GB or what the memory limit leaves; memory_limit_bytes: of all processes together;
     resume: take up what an earlier run of the same mesh and options has finished, and keep what this one has when it is
@@ -82,15 +182,19 @@ class Running:
     tls_ca: Path | None = None
     tls_cert: Path | None = None
     tls_key: Path | None = None
+    client: Any = None
 
     def __post_init__(self) -> None:
+        _check_types(self)
         if self.workers < 0:
             raise InputError(f"workers is {self.workers}, it must be 0 (none) or more")
-        if self.scheduler is not None and self.scheduler_file is not None:
-            raise InputError("give a scheduler address or a scheduler file, not both")
+        if sum(given is not None for given in (self.scheduler, self.scheduler_file, self.client)) > 1:
+            raise InputError("give one of a scheduler address, a scheduler file and a client")
         given = [path is not None for path in (self.tls_ca, self.tls_cert, self.tls_key)]
         if any(given) and not all(given):
             raise InputError("TLS needs all three of tls_ca, tls_cert and tls_key")
+        if any(given) and self.client is not None:
+            raise InputError("a client has its own TLS files; leave tls_ca, tls_cert and tls_key out")
         if any(given) and not self.is_elsewhere:
             raise InputError("TLS goes with a running scheduler: workers on this machine listen to this machine only")
         if self.memory_limit_bytes is not None and self.memory_limit_bytes < _LEAST_MEMORY:
@@ -100,7 +204,7 @@ class Running:
     @property
     def is_elsewhere(self) -> bool:
         """Whether a running scheduler is used."""
-        return self.scheduler is not None or self.scheduler_file is not None
+        return self.scheduler is not None or self.scheduler_file is not None or self.client is not None
 
     @property
     def starts_workers(self) -> bool:
@@ -126,5 +230,6 @@ def _one_of(what: str, value: str, known: tuple[str, ...]) -> None:
 
 
 def plain_options(options: Options | Running) -> dict[str, Any]:
-    """Options as plain data, paths as text."""
-    return {f.name: str(v) if isinstance(v := getattr(options, f.name), Path) else v for f in fields(options)}
+    """Options as plain data, paths and clients as text."""
+    values = {f.name: getattr(options, f.name) for f in fields(options)}
+    return {name: v if v is None or isinstance(v, (bool, int, str, tuple)) else str(v) for name, v in values.items()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -27,6 +27,7 @@ from pgcp.plane.space import map_coefficients
 from pgcp.report.record import run_report
 from pgcp.retry.course import Outcome, map_mesh
 from pgcp.retry.placed import place_outcome, single_precision_folds
+from pgcp.runtime.address_space import check_address_space
 from pgcp.runtime.cache import Owner, drop_run
 from pgcp.runtime.clock import Clock
 from pgcp.runtime.executors import Executor, LocalExecutor, Progress, make_executor
@@ -49,14 +50,16 @@ def map_surface(mesh_of: Callable[[], Mesh], asked: Options, running: Running, p
         clock, name = Clock(progress), uuid.uuid4().hex[:12]
         method, options = method_of(asked)
         backend = choose_backend(options.backend)
-        with make_executor(running, name, clock.progress, warm_up) as executor:
+        # what tasks write to goes when no worker writes any more
+        with ExitStack() as at_last, make_executor(running, name, clock.progress, warm_up) as executor:
             taken = _taken_in(mesh_of, method, options, clock)
             plan = _planned(taken, running, executor)
             clock.executor = executor
-            with resumable(running, run_key(taken.mesh, taken.options, taken.cuts, plan.patches, backend)) as directory:
-                run = _run(taken, plan, Job(Owner(name), directory, options.flatten, backend, plan.factor_cache_bytes), clock)
-                with _tidied(executor, name):
-                    outcome = map_mesh(run, method)
+            key = run_key(taken.mesh, taken.options, taken.cuts, plan.patches, backend)
+            directory = at_last.enter_context(resumable(running, key))
+            run = _run(taken, plan, Job(Owner(name), directory, options.flatten, backend, plan.factor_cache_bytes), clock)
+            with _tidied(executor, name):
+                outcome = map_mesh(run, method)
             with clock.stage("place"):
                 outcome, coordinates, mu = _placed(run, outcome)
             description = executor.describe()
@@ -131,7 +134,10 @@ def _planned(taken: _Taken, running: Running, executor: Executor) -> Plan:
     """Number of patches and size of the factor cache."""
     workers = running.workers or executor.describe()["workers"]
     sizes, fewest = (len(taken.mesh.vertices), len(taken.mesh.faces)), 1 if taken.topology.loops else 2
-    return make_plan(*sizes, workers, taken.options.patches, fewest, running.memory_limit_bytes, running.factor_cache_bytes)
+    limits = running.memory_limit_bytes, running.factor_cache_bytes
+    plan = make_plan(*sizes, workers, taken.options.patches, fewest, *limits)
+    check_address_space(*sizes, plan.patches, 0 if workers else 1)
+    return plan
 
 
 @contextmanager

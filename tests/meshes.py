@@ -117,3 +117,18 @@ def spheroid(levels: int, length: float) -> tuple[Mesh, np.ndarray]:
     turn = np.column_stack([x, y]) / np.where(across > 0, across, 1)[:, None]
     image = np.column_stack([turn * sine[:, None], cosine])
     return Mesh(sphere.vertices * [1, 1, length], sphere.faces, "spheroid"), image
+
+
+def lines_up(mesh, result):
+    """Vertices and faces of the result are those of the mesh that vertex_of and face_of name."""
+    out = result.mesh
+    assert np.array_equal(out.vertices, mesh.vertices[result.vertex_of])
+    assert len(result.coordinates) == len(out.vertices)
+    assert len(result.patch) == len(result.mu) == len(out.faces) == len(result.face_of)
+    assert len(np.unique(result.face_of)) == len(result.face_of)
+
+    def corners(points):
+        """Positions of each face's corners, in an order of their own."""
+        return np.sort(points.view([("x", float), ("y", float), ("z", float)])[..., 0], axis=1)
+
+    assert np.array_equal(corners(out.vertices[out.faces]), corners(mesh.vertices[mesh.faces[result.face_of]]))

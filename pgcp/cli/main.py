@@ -16,16 +16,22 @@ from typing import NoReturn
 from pgcp.cli.parser import build_parser, options_of, outputs_of, running_of
 from pgcp.cli.progress import Silent, display, logged
 from pgcp.cli.summary import check_only, record, summary
-from pgcp.cli.terminal import BAD_INPUT, BUG, GOOD, NUMERICAL, STOPPED, STOPPED_BY, Signals, say
+from pgcp.cli.terminal import BAD_INPUT, BUG, GOOD, NUMERICAL, STOPPED, STOPPED_BY, Signals, have_streams, say
 from pgcp.cli.usage import SHORT_HELP, UsageError
-from pgcp.errors import InputError, NumericalError, StoppedError
-from pgcp.options import Options, Running
-from pgcp.parallel import leave
-from pgcp.runtime.forks import collect_seldom, prepare_forks
+from pgcp.errors import InputError, NumericalError, PgcpError, SolveFailedError, StoppedError
+from pgcp.options import AUTO, Options, Running
+from pgcp.parallel import leave, processor_count
+from pgcp.runtime.address_space import NEEDS_MEMORY, check_address_space
+from pgcp.runtime.compiled import cache_is_temporary, compile_all, compiled_together, drop_temporary_cache
+from pgcp.runtime.forks import collect_seldom, leave_nothing, prepare_forks
 from pgcp.runtime.versions import package_versions
 from pgcp.types import Parameterization
 
 _STATUS = {InputError: BAD_INPUT, NumericalError: NUMERICAL, StoppedError: STOPPED}
+_NO_CACHE = (
+    "no folder for compiled code can be written, neither beside the package nor in the home directory; what this run compiles "
+    "is lost when it ends; NUMBA_CACHE_DIR may name a folder"
+)
 _SYSTEM = {
     getattr(errno, name) for name in ("ENOSPC", "EFBIG", "EDQUOT", "EROFS", "EACCES", "EPERM", "EIO") if hasattr(errno, name)
 }
@@ -37,12 +43,16 @@ def _run(arguments: argparse.Namespace, signals: Signals) -> int:
     with logged(arguments.log_file):
         with display(arguments.quiet) as shown:
             shown("start", 0, 0)
+            check_address_space()
             options, running = options_of(arguments), running_of(arguments)
             if arguments.check_only:
                 return _checked(arguments, shown)
             if running.starts_workers:
                 prepare_forks()
-            result, directory, paths = _mapped(arguments, options, running, signals, shown)
+            if cache_is_temporary() and not arguments.quiet:
+                print(f"pgcp-run: {_NO_CACHE}", file=sys.stderr)
+            with compiled_together(_usual(arguments.target), processor_count() - 1, shown):
+                result, directory, paths = _mapped(arguments, options, running, signals, shown)
         return _told(result, time.perf_counter() - started, directory, paths, arguments)
 
 
@@ -62,6 +72,7 @@ def _mapped(
 ) -> tuple[Parameterization, Path, list[Path]]:
     """The map of a mesh, the folder of the results, and the files written there."""
     from pgcp.api import compute
+    from pgcp.io.files import claimed
     from pgcp.io.write import write_outputs
     from pgcp.report.picture import draw
     from pgcp.surface.demo import demo_mesh
@@ -75,16 +86,17 @@ def _mapped(
         raise InputError(f"{directory}: results here would take the place of {arguments.mesh}; choose another --output-dir")
     kinds = outputs_of(arguments)
     shown("start", 1, 1)
-    result = compute(demo_mesh() if arguments.mesh is None else arguments.mesh, options, running, shown)
-    try:
-        shown("draw", 0, 0)
-        picture = None if arguments.no_png else draw(result)
-        shown("draw", 1, 1)
-        shown("write", 0, 0)
-        paths = write_outputs(directory, stem, result, picture, signals.held(), kinds)
-        shown("write", 1, 1)
-    except OSError as problem:
-        raise InputError(f"{directory}: cannot write the results: {problem}") from problem
+    with claimed(directory):
+        result = compute(demo_mesh() if arguments.mesh is None else arguments.mesh, options, running, shown)
+        try:
+            shown("draw", 0, 0)
+            picture = None if arguments.no_png else draw(result)
+            shown("draw", 1, 1)
+            shown("write", 0, 0)
+            paths = write_outputs(directory, stem, result, picture, signals.held(), kinds)
+            shown("write", 1, 1)
+        except OSError as problem:
+            raise InputError(f"{directory}: cannot write the results: {_of_system(problem)}") from problem
     return result, directory, paths
 
 
@@ -110,6 +122,11 @@ def _refused(problem: Exception, status: int, as_json: bool) -> int:
     return status
 
 
+def _of_system(problem: OSError) -> str:
+    """What the system says, and of which file."""
+    return f"{problem.filename}: {problem.strerror}" if problem.filename else str(problem)
+
+
 def _stopped(signals: Signals, as_json: bool, resume: bool) -> int:
     status: int = 128 + getattr(signal, signals.name)
     message = f"{STOPPED_BY[signals.name]}; nothing was written"
@@ -128,12 +145,27 @@ def _failed(problem: Exception, arguments: argparse.Namespace, signals: Signals)
             return _refused(problem, status, arguments.json)
     if signals.received:  # compiled code makes another exception of the interrupt
         return _stopped(signals, arguments.json, arguments.resume)
+    if isinstance(problem, MemoryError) or (isinstance(problem, OSError) and problem.errno == errno.ENOMEM):
+        return _refused(SolveFailedError(f"memory ran out ({problem}); {NEEDS_MEMORY}"), NUMERICAL, arguments.json)
     if isinstance(problem, OSError) and problem.errno in _SYSTEM:
-        return _refused(problem, BAD_INPUT, arguments.json)
+        return _refused(InputError(_of_system(problem)), BAD_INPUT, arguments.json)
     if arguments.json:
         say(json.dumps({"status": BUG, "error": type(problem).__name__, "message": str(problem)}))
     print(f"pgcp-run: a bug: {type(problem).__name__}: {problem} (--debug shows where)", file=sys.stderr)
     return BUG
+
+
+def _usual(target: str) -> str:
+    """The usual run that comes nearest to one with a target."""
+    return "free" if target == AUTO else target
+
+
+def _warm_up(quiet: bool) -> None:
+    """Compile all that any run needs."""
+    if cache_is_temporary():
+        raise InputError(_NO_CACHE)
+    with display(quiet) as shown:
+        compile_all(processor_count(), shown)
 
 
 def _asked(words: Sequence[str]) -> argparse.Namespace | None:
@@ -146,6 +178,9 @@ def _asked(words: Sequence[str]) -> argparse.Namespace | None:
     if not words:
         say(SHORT_HELP)
         return None
+    if arguments.warm_up:
+        _warm_up(arguments.quiet)
+        return None
     if arguments.mesh is None and not arguments.demo:
         raise UsageError("no mesh is named; name a file, or --demo for the built-in one")
     return arguments
@@ -156,8 +191,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if argv is None else argv
     try:
         arguments = _asked(words)
-    except UsageError as problem:
-        return _refused(problem, BAD_INPUT, "--json" in words)
+    except PgcpError as problem:
+        return _refused(problem, BAD_INPUT if isinstance(problem, InputError) else NUMERICAL, "--json" in words)
     if arguments is None:
         return GOOD
     with Signals() as signals:
@@ -173,10 +208,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def run() -> NoReturn:
     """Run the command and end the process."""
+    have_streams()
     collect_seldom()
     status = main()
     with suppress(OSError):
         sys.stdout.flush()
         sys.stderr.flush()
+    leave_nothing()
+    drop_temporary_cache()
     leave(status)
     raise SystemExit(status)

@@ -30,6 +30,7 @@ def build_parser() -> argparse.ArgumentParser:
     files = suffixes_of(readable())
     parser.add_argument("mesh", nargs="?", type=Path, help=f"file of a mesh ({files})")
     parser.add_argument("--demo", action="store_true", help="map the built-in demo surface where no mesh is named")
+    parser.add_argument("--warm-up", action="store_true", help="compile for this machine all that any run needs, then stop")
     parser.add_argument("--version", action="store_true", help="print the version; with --json, those of the packages used too")
     _map_options(parser.add_argument_group("Map", "where the mesh is mapped, and how"))
     _output_options(parser.add_argument_group("Output", "what is written and printed"))

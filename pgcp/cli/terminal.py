@@ -8,14 +8,30 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
 from typing import Any
 
 from pgcp.errors import InputError
+from pgcp.runtime.forks import leave_nothing
 
 GOOD, BUG, BAD_INPUT, NUMERICAL, STOPPED = 0, 1, 2, 3, 4
 
 
 STOPPED_BY = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}  # exit status 128 + the signal's number
+
+
+def have_streams() -> None:
+    """Have standard streams that are closed lead nowhere; the next file that is opened would take their place."""
+    for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
+        try:
+            os.fstat(number)
+        except OSError:
+            handle = os.open(os.devnull, os.O_RDWR)
+            if handle != number:
+                os.dup2(handle, number)
+                os.close(handle)
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open(mode, encoding="utf-8"))  # noqa: SIM115  # it stays open
 
 
 def say(text: str) -> None:
@@ -62,4 +78,11 @@ class Signals(AbstractContextManager["Signals"]):
         """Ignore them while results take the place of earlier ones; afterwards they end the process at once."""
         self._set(signal.SIG_IGN)
         yield
-        self._set(signal.SIG_DFL)
+        self._set(self._end)
+
+    @staticmethod
+    def _end(number: int, _frame: object) -> None:
+        """End the process as the signal does by itself, and leave nothing behind."""
+        leave_nothing()
+        signal.signal(number, signal.SIG_DFL)
+        os.kill(os.getpid(), number)

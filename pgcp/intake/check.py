@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -18,6 +19,10 @@ from pgcp.surface.topology import Topology, examine
 from pgcp.types import FloatArray, IntArray, Mesh
 
 _MOST_FLAT = 0.5
+_PILLOW = (
+    "the surface is two faces glued along all three edges, which no map to the sphere gives an area both; a closed surface "
+    "needs four vertices"
+)
 _FAR = 1e4
 _AWAY = 1.5  # sizes from the origin: there all coordinates are within a factor of two, and differ by numbers without error
 
@@ -57,8 +62,8 @@ def measure(mesh: Mesh) -> Geometry:
 class Inspection:
     """What a mesh is: its topology, its geometry where it was asked for, why it is refused, and the mesh mended.
 
-    mended: None where mending does not help. After ``inspect_mended`` all is said of the mended mesh, and ``advises`` is
-    false.
+    mended: None where mending does not help or is not needed. After ``inspect_mended`` all is said of the mended mesh, and
+    ``advises`` is false.
     """
 
     topology: Topology
@@ -85,27 +90,45 @@ def inspect(mesh: Mesh, asked: Asked) -> Inspection:
     with beside(partial(measure, mesh)) as measured:
         topology = examine(mesh.faces, len(mesh.vertices))
         geometry, problem = _judged(mesh, asked, topology, measured)
-    if not isinstance(problem, (NotManifoldError, NotSimplyConnectedError)):
+    if problem is None:
         return Inspection(topology, geometry, problem)
     try:
-        mended = mend(mesh, asked.closed, topology)
+        mended, _, left = _mended(mesh, asked, topology)
     except NotManifoldError:
         return Inspection(topology, geometry, problem)
-    helps = _judged(mended.mesh, asked, mended.topology, partial(measure, mended.mesh))[1] is None
-    return Inspection(topology, geometry, problem, mended if helps else None)
+    return Inspection(topology, geometry, problem, mended if left is None and mended.fixes else None)
 
 
 def inspect_mended(mesh: Mesh, asked: Asked, topology: Topology | None = None) -> Inspection:
     """Mend a mesh, of this topology where it is known, and examine the result; the problem says what could not be mended."""
-    mended = mend(mesh, asked.closed, topology)
-    named = mended.mesh
-    if mended.fixes:
-        named = Mesh(named.vertices, named.faces, f"{named.name}, fixed,", named.filler)
-    with beside(partial(measure, mended.mesh)) as measured:
-        geometry, problem = _judged(named, asked, mended.topology, measured)
+    mended, geometry, problem = _mended(mesh, asked, topology)
     if isinstance(problem, (NotManifoldError, NotSimplyConnectedError)) and mended.obstacle:
         problem = type(problem)(f"{problem}; {mended.obstacle}")
     return Inspection(mended.topology, geometry, problem, mended, advises=False)
+
+
+def _mended(mesh: Mesh, asked: Asked, topology: Topology | None) -> tuple[Mended, Geometry | None, InputError | None]:
+    """A mesh mended, its geometry, and why it is refused still; edges of no length are collapsed where nothing less helps."""
+    mended = mend(mesh, asked.closed, topology)
+    geometry, problem = _judged_mended(mended, asked)
+    if isinstance(problem, DegenerateError) and not _lost_digits(mesh):
+        with contextlib.suppress(NotManifoldError):  # no face would be left
+            collapsed = mend(mesh, asked.closed, topology, collapses=True)
+            again = _judged_mended(collapsed, asked)
+            if again[1] is None:
+                return collapsed, *again
+    return mended, geometry, problem
+
+
+def _judged_mended(mended: Mended, asked: Asked) -> tuple[Geometry | None, InputError | None]:
+    named = mended.mesh
+    if mended.fixes:
+        named = Mesh(named.vertices, named.faces, f"{named.name}, fixed,", named.filler)
+    look = partial(measure, mended.mesh)
+    if mended.known is not None:  # nothing to look for meanwhile
+        return _judged(named, asked, mended.known, look)
+    with beside(look) as measured:
+        return _judged(named, asked, mended.topology, measured)
 
 
 def _judged(
@@ -114,18 +137,24 @@ def _judged(
     """The geometry of a mesh that can be mapped, or why it cannot."""
     if topology.defects:
         return None, NotManifoldError(f"{mesh.name}: {topology.defects[0].message}")
+    if topology.is_sphere and topology.face_count == 2:
+        return None, DegenerateError(f"{mesh.name}: {_PILLOW}")
     if not topology.fits(asked.closed):
         return None, NotSimplyConnectedError(f"{mesh.name} is {topology.describe()}{asked.refusal(topology)}")
     try:
-        geometry, count = measured(), len(mesh.bare.faces)
+        return _solid(mesh, measured()), None
     except DegenerateError as problem:
         return None, problem
+
+
+def _solid(mesh: Mesh, geometry: Geometry) -> Geometry:
+    """The geometry of a mesh; raises DegenerateError where most of its faces have no area."""
+    count = len(mesh.bare.faces)
     if geometry.flat_count == count:
-        return None, DegenerateError(f"{mesh.name}: all faces have zero area")
+        raise DegenerateError(f"{mesh.name}: all faces have zero area")
     if geometry.flat_count > _MOST_FLAT * count:
-        what = f"{geometry.flat_count} of {count} faces have zero area{_lost_digits(mesh)}"
-        return None, DegenerateError(f"{mesh.name}: {what}")
-    return geometry, None
+        raise DegenerateError(f"{mesh.name}: {geometry.flat_count} of {count} faces have zero area{_lost_digits(mesh)}")
+    return geometry
 
 
 def _lost_digits(mesh: Mesh) -> str:

@@ -48,6 +48,48 @@ def coincident(vertices: FloatArray) -> IntArray:
     return out
 
 
+def contracted(points: FloatArray, faces: IntArray) -> IntArray:
+    """For every vertex (n,) the lowest of those that edges of no length join it to; points (n, 3)."""
+    tails, heads = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    short = np.flatnonzero((points[tails] == points[heads]).all(axis=1))
+    graph = coo_array((np.ones(len(short), np.int8), (tails[short], heads[short])), (len(points), len(points)))
+    labels = connected_components(graph, directed=False)[1]
+    lowest: IntArray = np.unique(labels, return_index=True)[1]
+    return lowest[labels]
+
+
+def flattened_fins(faces: IntArray, vertex_count: int) -> BoolArray:
+    """Which faces (F,) lie back to back in pairs and are joined along an edge that no other face has: fins of no thickness.
+
+    Without both, the surface closes up behind them. What such a pair uncovers may be one in its turn.
+    """
+    left = np.arange(len(faces))
+    while len(left):
+        here = faces[left].astype(np.int64)
+        corners = np.sort(here, axis=1)
+        order = np.lexsort(corners.T[::-1])
+        same = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)
+        alone = same & ~np.append(False, same[:-1]) & ~np.append(same[1:], False)
+        one, two = order[:-1][alone], order[1:][alone]
+        turned = _is_odd(here[one]) != _is_odd(here[two])
+        one, two = one[turned], two[turned]
+        ends = np.sort(np.stack([here, np.roll(here, -1, axis=1)], axis=-1), axis=-1)
+        _, edge, uses = np.unique(ends[..., 0] * vertex_count + ends[..., 1], return_inverse=True, return_counts=True)
+        rim = (uses[edge.reshape(-1, 3)[one]] == 2).any(axis=1)
+        if not rim.any():
+            break
+        left = np.delete(left, np.concatenate([one[rim], two[rim]]))
+    fins = np.ones(len(faces), bool)
+    fins[left] = False
+    return fins
+
+
+def _is_odd(faces: IntArray) -> BoolArray:
+    """Whether the corners of faces (N, 3) are an odd permutation of their order."""
+    a, b, c = faces.T
+    return (a > b) ^ (b > c) ^ (a > c)
+
+
 def weld_open(faces: IntArray, same: IntArray) -> IntArray:
     """For every vertex (V,) the one it becomes when vertices at one place are welded that open edges end in.
 

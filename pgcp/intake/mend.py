@@ -11,12 +11,23 @@ import numpy as np
 
 from pgcp.errors import NotManifoldError
 from pgcp.intake.holes import chosen_holes, fill_loops, hole_shares, is_too_large
-from pgcp.intake.manifold import coincident, cut_edges, proper_faces, sheets, split_fans, turn_faces, weld_open
+from pgcp.intake.manifold import (
+    coincident,
+    contracted,
+    cut_edges,
+    flattened_fins,
+    proper_faces,
+    sheets,
+    split_fans,
+    turn_faces,
+    weld_open,
+)
 from pgcp.surface.operators import face_areas
 from pgcp.surface.topology import Topology, examine, pair_half_edges
-from pgcp.types import FloatArray, IntArray, Mesh
+from pgcp.types import BoolArray, FloatArray, IntArray, Mesh
 
 _DONE = {
+    "collapse": "collapsed",
     "drop": "dropped",
     "weld": "welded",
     "cut": "cut",
@@ -79,6 +90,10 @@ def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {'vertices' if noun == 'vertex' else noun + 's'}"
 
 
+def _repeat_a_vertex(faces: IntArray) -> BoolArray:
+    return (faces == np.roll(faces, -1, axis=1)).any(axis=1)
+
+
 class _Plan:
     """The steps on their way through one mesh: faces and the input's vertices and faces they stem from.
 
@@ -105,6 +120,20 @@ class _Plan:
     def _select(self, kept: IntArray) -> None:
         self.faces, self.face_of = self.faces[kept], self.face_of[kept]
 
+    def collapse(self) -> None:
+        """Collapse edges of no length, and the faces of no area beside them; fins of no thickness that this leaves go too."""
+        self.stands_for = contracted(self.points, self.faces)
+        faces = self.stands_for[self.faces]
+        gone = _repeat_a_vertex(faces) & ~_repeat_a_vertex(self.faces)
+        count, flat = int((self.stands_for != np.arange(len(self.stands_for))).sum()), int(gone.sum())
+        what = f"{_counted(count, 'vertex')} into neighbours at the same place, with {_counted(flat, 'face')} of no area"
+        self._note("collapse", count, what)
+        self.faces = faces
+        self._select(np.flatnonzero(~gone))
+        fins = flattened_fins(self.faces, len(self.vertex_of))
+        self._note("drop", int(fins.sum()), f"{_counted(int(fins.sum()), 'face')} (back to back in pairs)")
+        self._select(np.flatnonzero(~fins))
+
     def drop(self, same: IntArray | None = None) -> None:
         """Drop faces that use a vertex twice, and all but the first with the same vertices."""
         kept, repeated, again = proper_faces(self.faces, same)
@@ -118,9 +147,9 @@ class _Plan:
     def weld(self, same: IntArray) -> None:
         """Weld vertices at the same place that open edges end in."""
         self.drop(same)
-        self.stands_for = weld_open(self.faces, same)
-        count = int((self.stands_for != np.arange(len(self.stands_for))).sum())
-        self.faces = self.stands_for[self.faces]
+        welded = weld_open(self.faces, same)
+        count = int((welded != np.arange(len(welded))).sum())
+        self.stands_for, self.faces = welded[self.stands_for], welded[self.faces]
         self._note("weld", count, f"{_counted(count, 'vertex')} to others at the same place")
         self.drop()
 
@@ -199,9 +228,13 @@ class _Plan:
         return Mended(mended, self.vertex_of, self.face_of, self.stands_for, fixes, self.obstacle, self.topology)
 
 
-def _mended(mesh: Mesh, topology: Topology, points: FloatArray, closed: bool | None, same: IntArray | None) -> Mended:
+def _mended(
+    mesh: Mesh, topology: Topology, points: FloatArray, closed: bool | None, same: IntArray | None, collapses: bool
+) -> Mended:
     """Every step in its order; ``same`` (V,) welds, None leaves vertices at one place apart."""
     plan = _Plan(points, mesh.faces, mesh.name, topology)
+    if collapses:
+        plan.collapse()
     plan.drop()
     if same is not None:
         plan.weld(same)
@@ -214,25 +247,26 @@ def _mended(mesh: Mesh, topology: Topology, points: FloatArray, closed: bool | N
     return plan.finished(mesh)
 
 
-def mend(mesh: Mesh, closed: bool | None = None, topology: Topology | None = None) -> Mended:
+def mend(mesh: Mesh, closed: bool | None = None, topology: Topology | None = None, *, collapses: bool = False) -> Mended:
     """Repair the topology of a mesh as far as dropping, cutting and filling can, to a closed or an open surface, or either.
 
-    In this order, each where it is needed: faces that use a vertex twice or are listed twice are dropped; vertices at
-    exactly the same place are welded; edges of more than two faces are cut; vertices where fans of faces touch are split;
-    the component of most faces is kept; its faces are turned to agree; small holes are filled. Welding is done only where
-    it saves faces from being left out or holes from being filled: a mesh may well have vertices that coincide.
-    A mesh that fits comes back as it is. Raises NotManifoldError where no face is left; of what else cannot be mended
-    ``obstacle`` and ``topology`` of the result tell. A ``topology`` that is given is not looked for again.
+    In this order, each where it is needed: with ``collapses``, edges of no length are collapsed; faces that use a vertex
+    twice or are listed twice are dropped; vertices at exactly the same place are welded; edges of more than two faces are
+    cut; vertices where fans of faces touch are split; the component of most faces is kept; its faces are turned to agree;
+    small holes are filled. Welding is done only where it saves faces from being left out or holes from being filled: a mesh
+    may well have vertices that coincide. A mesh that fits comes back as it is unless it is to be collapsed. Raises
+    NotManifoldError where no face is left; of what else cannot be mended ``obstacle`` and ``topology`` of the result tell.
+    A ``topology`` that is given is not looked for again.
     """
     topology = examine(mesh.faces, len(mesh.vertices)) if topology is None else topology
-    if topology.fits(closed):
+    if topology.fits(closed) and not collapses:
         return unmended(mesh, topology)
     points = np.ldexp(mesh.vertices, -int(np.frexp(np.abs(mesh.vertices).max())[1]))
-    plans = [_mended(mesh, topology, points, closed, None)]
+    plans = [_mended(mesh, topology, points, closed, None, collapses)]
     same = coincident(mesh.vertices)
     if (same != np.arange(len(same))).any():
         with contextlib.suppress(NotManifoldError):  # where no face would be left
-            plans.append(_mended(mesh, topology, points, closed, same))
+            plans.append(_mended(mesh, topology, points, closed, same, collapses))
     most = max(len(plan.face_of) for plan in plans)
     good = [p for p in plans if p.topology.fits(closed) and len(p.face_of) >= _LEAST_KEPT * most]
     return min(good or plans, key=lambda plan: (-len(plan.face_of), plan.mesh.filler))

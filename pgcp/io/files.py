@@ -11,6 +11,8 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import IO
 
+from pgcp.errors import InputError
+
 try:
     import fcntl
 except ImportError:  # no locks: nothing is known of what others still write, so nothing is cleaned away
@@ -46,6 +48,47 @@ def abandoned(path: Path) -> Iterator[bool]:
         os.close(handle)
 
 
+@contextlib.contextmanager
+def claimed(directory: Path) -> Iterator[None]:
+    """Keep other runs out of a directory, made as needed, inside; what was made goes again where nothing was put there.
+
+    The lock is on the directory itself and ends with the process. Raises InputError where another run has it, or where it
+    cannot be made.
+    """
+    made = [folder for folder in (directory, *directory.parents) if not folder.exists()]
+    try:
+        handle = _locked(directory)
+        try:
+            yield
+        finally:
+            if handle >= 0:
+                os.close(handle)
+    finally:
+        for folder in made:
+            with contextlib.suppress(OSError):  # it holds results
+                folder.rmdir()
+
+
+def _locked(directory: Path) -> int:
+    """The open lock of a directory, made as needed; -1 where there are no locks."""
+    while True:
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+            handle = os.open(directory, os.O_RDONLY)
+        except FileNotFoundError:  # removed just now
+            continue
+        except OSError as problem:
+            if directory.is_dir():  # a system that opens none, or one that may be written, not read
+                return -1
+            raise InputError(f"{directory}: cannot write the results: {problem.strerror}") from problem
+        if lock(handle) is not False:
+            return handle
+        is_gone = os.fstat(handle).st_nlink == 0
+        os.close(handle)
+        if not is_gone:
+            raise InputError(f"{directory}: another run writes its results here; wait for it, or choose another folder")
+
+
 class _Part(AbstractContextManager["_Part"]):
     """A file that is written under a temporary name beside its own and renamed to it."""
 
@@ -65,7 +108,9 @@ class _Part(AbstractContextManager["_Part"]):
             self.stream.close()
         os.replace(self._name, self.path)
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, _kind: object, problem: object, _traceback: object) -> None:
+        if isinstance(problem, OSError) and problem.filename is None:
+            problem.filename = str(self.path)  # writing to a stream does not say to which
         with contextlib.suppress(OSError):  # what could not be written is not wanted
             self.stream.close()
         self._name.unlink(missing_ok=True)
@@ -103,8 +148,12 @@ class FileSet:
     def sync(self) -> None:
         """Have all that was written on the disk: afterwards the switch takes no room and next to no time."""
         for part in self._parts:
-            part.stream.flush()
-            os.fsync(part.stream.fileno())
+            try:
+                part.stream.flush()
+                os.fsync(part.stream.fileno())
+            except OSError as problem:
+                problem.filename = str(part.path)
+                raise
 
     def switch(self) -> list[Path]:
         """Rename all files in the order they were opened; returns their paths."""

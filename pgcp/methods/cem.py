@@ -12,6 +12,7 @@ from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
 from pgcp.elimination.dirichlet import DirichletFactor
+from pgcp.errors import SolveFailedError
 from pgcp.methods.base import Method, whole
 from pgcp.methods.common.boundary_energy import (
     Descent,
@@ -28,6 +29,7 @@ from pgcp.types import FloatArray
 
 ITERATIONS = 20
 TOLERANCE = 1e-6
+_ROUNDING = 1e-13
 
 
 def cem_boundary(
@@ -35,14 +37,20 @@ def cem_boundary(
 ) -> Descent:
     """Iterate from increasing angles (n_B,) until the energy changes by less than ``tolerance``.
 
-    schur S and block L_BB (n_B, n_B). Ends before that where the boundary loses its order. Returns the iterate of least
-    energy; the record holds all.
+    schur S and block L_BB (n_B, n_B). Ends before that where the boundary loses its order, and at once where there is no
+    interior: then nothing holds the boundary, L_BB has the constants in its kernel, and there is no step. Returns the iterate
+    of least energy; the record holds all. Raises SolveFailedError where L_BB is singular otherwise.
     """
-    solver = splu(csc_array(block))
     best = angles = start
     energy, gradient = energy_and_gradient(schur, angles)
     least = energy
     steps = [Step("cem", 0, energy, float(np.linalg.norm(gradient)))]
+    if not _has_interior(block):
+        return Descent(best, tuple(steps), False)
+    try:
+        solver = splu(csc_array(block))
+    except RuntimeError as problem:
+        raise SolveFailedError("the boundary block of the Laplacian is singular") from problem
     for iteration in range(1, iterations + 1):
         z = on_circle(angles)
         plane = np.column_stack([z.real, z.imag])
@@ -59,6 +67,11 @@ def cem_boundary(
         if abs(energy - before) < tolerance:
             return Descent(best, tuple(steps), True)
     return Descent(best, tuple(steps), False)
+
+
+def _has_interior(block: csr_array) -> bool:
+    """Whether a boundary vertex has an inner neighbour: the rows of a Laplacian without one add up to 0."""
+    return bool(np.abs(block.sum(axis=1)).max() > _ROUNDING * np.abs(block.data).max())
 
 
 def cem_map(factor: DirichletFactor, block: csr_array, start: FloatArray) -> EnergyMap:

@@ -30,6 +30,16 @@ class Plan:
     factor_cache_bytes: int
 
 
+def least_need(vertex_count: int, face_count: int, patches: int, at_once: int) -> int:
+    """Bytes that a mesh takes in the main process, so many patches at once, beside libraries and kept factors."""
+    return _per_vertex(vertex_count, face_count) * vertex_count + at_once * _WORK_PER_VERTEX * vertex_count // patches
+
+
+def _per_vertex(vertex_count: int, face_count: int) -> int:
+    """Bytes that a vertex takes in the main process."""
+    return _DRIVER_PER_VERTEX_CLOSED if face_count >= 2 * (vertex_count - 2) else _DRIVER_PER_VERTEX
+
+
 def make_plan(
     vertex_count: int,
     face_count: int,
@@ -51,9 +61,7 @@ def make_plan(
     processes = max(1, workers)
     room: float = math.inf
     if memory_limit_bytes is not None:
-        is_closed = face_count >= 2 * (vertex_count - 2)
-        per_vertex = _DRIVER_PER_VERTEX_CLOSED if is_closed else _DRIVER_PER_VERTEX
-        taken = _DRIVER + per_vertex * vertex_count + (processes * _PROCESS if workers else 0)
+        taken = _DRIVER + _per_vertex(vertex_count, face_count) * vertex_count + (processes * _PROCESS if workers else 0)
         room = (memory_limit_bytes - taken) / processes
     if patches is None:
         patches = max(fewest, min(DEFAULT_PATCHES, face_count // _FEWEST_FACES))

@@ -57,7 +57,7 @@ LOOKS = {
     "fin": (fin(), [], 2, 2, 2, 1),  # as it is and without the fin
     "fin fix": (fin(), ["--fix"], 0, 2, 1, 1),
     "hopeless": (torus(), [], 2, 1, 1, 1),
-    "hopeless fix": (torus(), ["--fix"], 2, 1, 1, 1),
+    "hopeless fix": (torus(), ["--fix"], 2, 1, 0, 1),
 }
 
 

@@ -141,3 +141,18 @@ def test_angle_errors_are_differences_of_angles_however_small_the_image():
             np.abs(corner_angles(np.pad(image, ((0, 0), (0, 1))), mesh.faces) - corner_angles(mesh.vertices, mesh.faces))
         )
         assert np.abs(angle_errors(mesh, image * scale) - expected).max() < 1e-9
+
+
+def test_a_face_whose_image_has_no_area_counts_with_the_largest_area_distortion():
+    mesh = lifted(grid(6))
+    z = mesh.vertices[:, :2] * [1.0, 1.3]
+    z[mesh.faces[10]] = z[mesh.faces[10][0]]
+    mu = beltrami_coefficients(mesh.vertices, mesh.faces, z @ [1, 1j])
+    measured = measure_quality(mesh, PLANE, z, mu)
+    surface = face_areas(mesh.vertices, mesh.faces)
+    image = face_areas(np.column_stack([z, np.zeros(len(z))]), mesh.faces)
+    none = image == 0
+    assert 0 < none.sum() < 5
+    ratios = np.abs(np.log(image[~none] / image.sum()) - np.log(surface[~none] / surface.sum()))
+    expected = (ratios.sum() + none.sum() * ratios.max()) / len(mesh.faces)
+    assert measured.log_area_mean == pytest.approx(expected, rel=1e-12)

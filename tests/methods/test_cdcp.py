@@ -13,6 +13,7 @@ from test_real import DISK
 import pgcp
 from pgcp.elimination.dirichlet import available_backends, choose_backend, eliminate_interior
 from pgcp.errors import CrowdedError, SolveFailedError
+from pgcp.methods import cdcp
 from pgcp.methods.ccem import ccem_map
 from pgcp.methods.cdcp import cdcp_map, least_angle_shift
 from pgcp.methods.cem import cem_map
@@ -252,3 +253,63 @@ def test_real_meshes_are_mapped_as_well_as_by_any(name, mesh_folder):
     for z in (constructive, first.z, least.z):
         assert goes_round_once(z[loop])
         assert len(folded_faces(mesh.faces, z)) == 0
+
+
+def stocking(length, around=12):
+    """A tube of radius 1, closed at its lower end by a fan, open at the upper one."""
+    t = 2 * np.pi * np.arange(around) / around
+    heights = np.arange(0, length, 2 * np.pi / around)
+    rings = [np.column_stack([np.cos(t), np.sin(t), np.full(around, z)]) for z in heights]
+    j = np.arange(around)
+    k = (j + 1) % around
+    faces = [np.column_stack([np.zeros(around, int), 1 + k, 1 + j])]
+    for first in 1 + around * np.arange(len(heights) - 1):
+        a, b, c, d = first + j, first + k, first + around + j, first + around + k
+        faces += [np.column_stack([a, b, d]), np.column_stack([a, d, c])]
+    return Mesh(np.vstack([[0, 0, -0.5], *rings]), np.vstack(faces))
+
+
+def test_the_boundary_does_not_depend_on_the_vertex_that_is_pinned():
+    """A pole at the far end of a long tube is felt at the boundary as 1e-11; rounding must not leave through one vertex."""
+    mesh = stocking(25)
+    loop = examine(mesh.faces, len(mesh.vertices)).loops[0]
+    laplacian = cotangent_laplacian(mesh.vertices, mesh.faces)
+    found = []
+    for pinned in (0, 3, 7):
+        factor = eliminate_interior(laplacian, np.roll(loop, -pinned))
+        found.append(np.roll(harmonic_boundary(mesh.vertices, mesh.faces[0], factor), pinned))
+    size = np.abs(found[0]).max()
+    assert size < 1e-10
+    for other in found[1:]:
+        assert np.abs(other - found[0]).max() < 1e-11 * size
+
+
+@pytest.fixture
+def mapped_hills():
+    mesh = lifted(grid(12, jitter=0.3))
+    loop, factor = problem(mesh)
+    centre = centre_of(mesh, loop, factor)
+    return mesh, loop, factor, centre, cdcp_map(mesh, loop, factor, centre, False)
+
+
+def test_a_correction_that_raises_the_angle_error_is_not_kept(mapped_hills, monkeypatch):
+    mesh, loop, factor, centre, plain = mapped_hills
+    monkeypatch.setattr(cdcp, "least_angle_shift", lambda *_: 0.9 + 0j)
+    found = cdcp_map(mesh, loop, factor, centre)
+    worse = angle_errors(mesh, PLANE.coordinates(shift_disk(plain.z, 0.9))).mean()
+    assert worse > angle_errors(mesh, PLANE.coordinates(plain.z)).mean()
+    assert np.array_equal(found.z, plain.z)
+    assert found.omega == 0
+
+
+def test_a_correction_that_folds_is_not_kept_however_small_its_angle_error(mapped_hills, monkeypatch):
+    mesh, loop, factor, centre, plain = mapped_hills
+    monkeypatch.setattr(cdcp, "least_angle_shift", lambda *_: 0.01 + 0j)
+    errors = iter([np.zeros(len(mesh.faces)), np.ones(len(mesh.faces))])  # of the moved map, then of the first
+    monkeypatch.setattr(cdcp, "angle_errors", lambda *_: next(errors))
+    assert cdcp_map(mesh, loop, factor, centre).omega == 0.01  # nothing folds: the lower error is taken
+    monkeypatch.setattr(cdcp, "angle_errors", lambda *_: pytest.fail("a folded map was measured"))
+    monkeypatch.setattr(cdcp, "folded_faces", lambda _faces, z: np.arange(0 if np.array_equal(z, plain.z) else 1))
+    found = cdcp_map(mesh, loop, factor, centre)
+    assert np.array_equal(found.z, plain.z)
+    assert found.omega == 0

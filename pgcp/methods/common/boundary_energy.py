@@ -16,6 +16,7 @@ from pgcp.errors import SolveFailedError
 from pgcp.types import ComplexArray, FloatArray
 
 CLOSEST = 2e-14
+_CONFORMAL = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,10 +101,17 @@ class EnergyMap:
     converged: bool
 
 
+def _is_conformal(schur: FloatArray, angles: FloatArray) -> bool:
+    """Whether the conformal energy is small beside the area inside the boundary, as that of an obtuse triangle is."""
+    z = on_circle(angles)
+    area = 0.5 * float(np.imag(z.conj() * np.roll(z, -1)).sum())
+    return energy_and_gradient(schur, angles)[0] < _CONFORMAL * area
+
+
 def extended(factor: DirichletFactor, angles: FloatArray) -> ComplexArray:
     """Positions (n,) from boundary angles; neighbours in order but too close to be told apart are spread out."""
     gaps = circle_gaps(angles)
-    if gaps.max() > np.pi:
+    if gaps.max() > np.pi and not _is_conformal(factor.schur, angles):
         raise SolveFailedError(f"a boundary of {len(gaps)} vertices shrank to one side of the circle")
     gaps = np.where(gaps > 0.0, np.maximum(gaps, CLOSEST), gaps)
     angles = np.concatenate([[0.0], np.cumsum(gaps[:-1])]) * (2.0 * np.pi / gaps.sum())

@@ -33,8 +33,10 @@ class Disk:
     centre: int
 
     def start_angles(self) -> FloatArray:
-        """Boundary angles (n_B,) of the harmonic map of the double cover, increasing through one turn."""
+        """Boundary angles (n_B,) of the harmonic map of the double cover, increasing through one turn; exact for one face."""
         mesh = self.run.mesh
+        if len(mesh.faces) == 1:
+            return inscribed(mesh.vertices[self.loop])
         return start_angles(harmonic_boundary(mesh.vertices, mesh.faces[self.centre], self.factor))
 
     def boundary_block(self) -> csr_array:
@@ -44,6 +46,13 @@ class Disk:
         near[self.loop] = True
         faces = mesh.faces[near[mesh.faces].any(axis=1)]
         return csr_array(cotangent_laplacian(mesh.vertices, faces, self.run.mollification)[self.loop][:, self.loop])
+
+
+def inscribed(corners: FloatArray) -> FloatArray:
+    """Angles (3,), the first 0, of a triangle (3, 3) inscribed in the unit circle: each arc is twice the angle that sees it."""
+    one, other = np.roll(corners, -1, axis=0) - corners, np.roll(corners, 1, axis=0) - corners
+    seen = np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
+    return np.array([0.0, 2.0 * seen[2], 2.0 * (seen[2] + seen[0])])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
