@@ -34,8 +34,9 @@ from pgcp.surface.topology import examine
 from pgcp.types import Mesh
 
 
-def problem(mesh, backend="superlu"):
-    loop = examine(mesh.faces, len(mesh.vertices)).loops[0]
+def problem(mesh, backend="superlu", first=0):
+    """The loop, from its point ``first`` on, and the Laplacian's factor."""
+    loop = np.roll(examine(mesh.faces, len(mesh.vertices)).loops[0], -first)
     return loop, eliminate_interior(cotangent_laplacian(mesh.vertices, mesh.faces), loop, backend)
 
 
@@ -86,6 +87,31 @@ def test_the_dipole_takes_the_derivative_across_its_face():
     two /= np.linalg.norm(two)
     u = (corners - corners[0]) @ (0.7 * one - 1.3 * two)
     assert dipole(corners) @ u == pytest.approx(0.7 + 1.3j, abs=1e-12)
+
+
+@pytest.mark.parametrize("backend", available_backends())
+def test_the_harmonic_boundary_does_not_depend_on_where_the_loop_begins(backend):
+    """A face a million times smaller than the disk: what its dipole leaves over in rounding does not go out at one vertex."""
+    flat, _ = cap(20)
+    ring = np.rint(20 * np.arccos(np.clip(flat.vertices[:, 2], -1, 1)) / 1.2)
+    radius = np.where(ring > 0, 1e-6 ** (1 - (ring - 1) / 19), 0.0)
+    across = flat.vertices[:, :2] / np.maximum(np.linalg.norm(flat.vertices[:, :2], axis=1), 1e-300)[:, None]
+    mesh = Mesh(np.pad(radius[:, None] * across, ((0, 0), (0, 1))), flat.faces)
+    found = []
+    for first in (0, 17, 50):
+        _, factor = problem(mesh, backend, first)
+        found.append(np.roll(harmonic_boundary(mesh.vertices, mesh.faces[0], factor), first))
+    for other in found[1:]:
+        assert np.abs(other - found[0]).max() < 2e-11 * np.abs(found[0]).max()
+
+
+def test_vertices_that_no_face_uses_change_nothing():
+    """The long arm of this surface is far from its middle; 2,000 unused vertices neither take heat nor move the pole."""
+    mesh = lifted(grid(6, 20), 0.5)
+    more = Mesh(np.vstack([np.random.default_rng(0).normal(size=(2000, 3)), mesh.vertices]), mesh.faces + 2000)
+    for patches in (1, 3):
+        plain, other = (pgcp.parameterize(m, method="cdcp", patches=patches) for m in (mesh, more))
+        assert np.abs(other.coordinates[2000:] - plain.coordinates).max() < 1e-9
 
 
 def test_heat_is_one_implicit_step():
@@ -184,6 +210,22 @@ def test_a_correction_that_only_helps_its_sample_is_not_made(monkeypatch):
         angle_errors(mesh, PLANE.coordinates(shift_disk(plain, omega))).mean()
         > angle_errors(mesh, PLANE.coordinates(plain)).mean()
     )
+    kept = cdcp_map(mesh, loop, factor, centre)
+    assert kept.omega == 0
+    assert np.array_equal(kept.z, plain)
+
+
+@pytest.mark.parametrize(("seed", "n"), [(11, 2), (17, 4), (22, 2)])
+def test_a_correction_that_folds_is_not_made(seed, n):
+    """On few large faces a Moebius map of their vertices may fold one and still keep angles better on the whole."""
+    rng, mesh = np.random.default_rng(seed), grid(n, jitter=0.4, seed=seed)
+    mesh = Mesh(mesh.vertices + 0.3 / n * rng.normal(size=mesh.vertices.shape) * [0.5, 0.5, 2], mesh.faces)
+    loop, factor = problem(mesh)
+    centre = centre_of(mesh, loop, factor)
+    plain = cdcp_map(mesh, loop, factor, centre, corrected=False).z
+    moved = shift_disk(plain, least_angle_shift(mesh.vertices, mesh.faces, plain))
+    assert angle_errors(mesh, PLANE.coordinates(moved)).mean() < angle_errors(mesh, PLANE.coordinates(plain)).mean()
+    assert len(folded_faces(mesh.faces, moved)) > len(folded_faces(mesh.faces, plain)) == 0
     kept = cdcp_map(mesh, loop, factor, centre)
     assert kept.omega == 0
     assert np.array_equal(kept.z, plain)
