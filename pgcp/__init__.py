@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from pgcp.io.read import read_mesh
     from pgcp.io.write import write_mesh
     from pgcp.options import Options, Running
+    from pgcp.result import Result
     from pgcp.types import Mesh, Parameterization, Quality
 
 find_cache()
@@ -55,6 +56,7 @@ __all__ = [
     "PartitionInputError",
     "PgcpError",
     "Quality",
+    "Result",
     "Running",
     "SolveFailedError",
     "StoppedError",
@@ -75,6 +77,7 @@ _HOMES = {
     "compare": "api",
     "compute": "api",
     "parameterize": "api",
+    "Result": "result",
     "Mesh": "types",
     "Parameterization": "types",
     "Quality": "types",

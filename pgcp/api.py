@@ -19,10 +19,11 @@ from pgcp.options import AUTO, METHOD, REPAIRS, Options, Running, names_checked
 from pgcp.pipeline import map_surface
 from pgcp.report.comparison import Compared
 from pgcp.report.record import fold_message
+from pgcp.result import Result
 from pgcp.runtime.executors import Progress, silent
 from pgcp.surface.topology import Topology
 from pgcp.targets.fitting import Asked, fitting_names
-from pgcp.types import Mesh, Parameterization
+from pgcp.types import Mesh
 
 
 def as_mesh(source: Any) -> Mesh:
@@ -45,9 +46,7 @@ def check_mesh(mesh: Mesh, target: str = AUTO) -> Topology:
     return inspect(mesh, Asked(target)).accepted()[0]
 
 
-def compute(
-    source: Any, options: Options | None = None, running: Running | None = None, progress: Progress = silent
-) -> Parameterization:
+def compute(source: Any, options: Options | None = None, running: Running | None = None, progress: Progress = silent) -> Result:
     """As ``parameterize``, but a map with folds is returned like any other: its quality says so."""
     options, running = Options() if options is None else options, Running() if running is None else running
     for name, given, kind in (("options", options, Options), ("running", running, Running)):
@@ -55,7 +54,7 @@ def compute(
             raise InputError(f"{name} is {given!r}, it must be of type pgcp.{kind.__name__}")
     if not callable(progress):
         raise InputError(f"progress is {progress!r}, it must be a function of stage, done and total")
-    return map_surface(lambda: as_mesh(source), options, running, progress)
+    return Result.of(map_surface(lambda: as_mesh(source), options, running, progress))
 
 
 def compare(
@@ -128,7 +127,7 @@ def parameterize(
     tls_cert: str | Path | None = None,
     tls_key: str | Path | None = None,
     client: Any = None,
-) -> Parameterization:
+) -> Result:
     """Map a simply connected surface conformally to the plane, the unit disk or the unit sphere (PGCP Algorithm 3).
 
     source: a Mesh, a path, or a trimesh.Trimesh. progress(stage, done, total) is called when a stage begins, with total 0
