@@ -728,7 +728,7 @@ def test_a_map_with_folds_is_not_passed_off_as_good(hills, monkeypatch):
         stored, "collect", lambda mesh, parts, space: ((mesh.vertices @ [1, -1j, 0]), np.zeros(len(mesh.faces), complex))
     )
     with pytest.raises(errors.FoldError, match="folded faces of 1152") as caught:
-        pgcp.parameterize(hills, patches=2)
+        pgcp.parameterize(hills, patches=2, repairs=())
     assert caught.value.result.quality.folds == len(hills.faces)
     assert caught.value.result.report["status"] == "folded"
 

@@ -18,7 +18,9 @@ def _flat(vertices: FloatArray, face: IntArray, out: ComplexArray) -> None:
     vx, vy, vz = vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1], vertices[c, 2] - vertices[a, 2]
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     length = np.sqrt(ux * ux + uy * uy + uz * uz)
-    out[0], out[1] = 0.0, length
+    out[0], out[1], out[2] = 0.0, length, 0.0
+    if not length > 0.0:
+        return
     out[2] = complex(ux * vx + uy * vy + uz * vz, np.sqrt(nx * nx + ny * ny + nz * nz)) / length
 
 
@@ -53,7 +55,10 @@ def _laid_out(vertices: FloatArray, faces: IntArray, twins: IntArray, start: int
             size += 1
             _flat(vertices, faces[g], there)
             k = (j + 2) % 3
-            turned = turn[f] * (here[i] - here[(i + 1) % 3]) / (there[(j + 1) % 3] - there[j])
+            along = there[(j + 1) % 3] - there[j]
+            turned = turn[f] * (here[i] - here[(i + 1) % 3]) * np.conj(along)
+            if not abs(turned) > 0.0:  # a face without extent
+                return out, False
             turn[g] = turned / abs(turned)
             a, c = faces[g, j], faces[g, k]
             at = out[a] + turn[g] * (there[k] - there[j])

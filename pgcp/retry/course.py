@@ -26,6 +26,7 @@ from pgcp.types import ComplexArray, IntArray
 
 _LISTED = 10
 _WRONG_DEG = 20.0  # mean angle error from which on a map without folds is not taken before others are tried
+_LARGE_DEG = 8.0  # mean angle error from which on a map is compared with the one solved in logarithms
 _GOOD_DEG = 2.0  # mean angle error up to which a free map is not compared with another
 
 
@@ -87,6 +88,7 @@ def _best(run: Run, method: Method) -> tuple[Finished, tuple[Tried, ...]]:
     splits, choice = _Splits(run, method), _choice(run)
     history: list[Tried] = []
     best: Finished | None = None
+    looked = False  # for a map in logarithms
     problem: NumericalError | PartitionInputError | None = None
     while (attempt := next_attempt(method.attempts(choice), history)) is not None:
         try:
@@ -109,13 +111,14 @@ def _best(run: Run, method: Method) -> tuple[Finished, tuple[Tried, ...]]:
             best = min(best or done, done, key=_by_folds)
             reason = f"{done.repaired.folds_before} folds, {done.folds} of them left after repair"
             history.append(Tried(attempt, found.route, reason, done.folds))
-        if len(history) == 1 and splits.parts is not None and may_be_solved_in_logarithms(run, method):
-            done_in_logarithms = solved_in_logarithms(run, method, splits.parts)
-            if done_in_logarithms is not None:
-                if done_in_logarithms.folds == 0 and mean_error(run, done_in_logarithms) < _WRONG_DEG:
-                    return done_in_logarithms, _told(history)
-                if best is not None or done_in_logarithms.folds == 0:
-                    best = min(best or done_in_logarithms, done_in_logarithms, key=_by_folds)
+        if not looked and (history[-1].crowded or best is not None):
+            looked, other = True, _in_logarithms(run, method, splits)
+            if other is not None and other.folds == 0 and mean_error(run, other) < _WRONG_DEG:
+                return other, _told(history)
+            if other is not None and (best is not None or other.folds == 0):
+                best = min(best or other, other, key=_by_folds)
+    if best is None and not looked:
+        best = _in_logarithms(run, method, splits)
     splits.discard()
     is_wrong = best is not None and not are_few(run, best.folds) and not target_of(run.target).has_free_boundary
     if best is None or (is_wrong and EMBED in run.options.repairs):
@@ -130,14 +133,19 @@ def _by_folds(done: Finished) -> tuple[int, int]:
     return done.folds, done.repaired.folds_before
 
 
+def _in_logarithms(run: Run, method: Method, splits: _Splits) -> Finished | None:
+    """The map solved in logarithms, None where there is none or it is not wanted."""
+    if splits.parts is None or not may_be_solved_in_logarithms(run, method):
+        return None
+    return solved_in_logarithms(run, method, splits.parts)
+
+
 def _compared(run: Run, method: Method, done: Finished, splits: _Splits) -> Finished:
     """A map without folds, or where its errors are large the one solved in logarithms if that has smaller ones."""
-    if done.folds or splits.parts is None or not may_be_solved_in_logarithms(run, method):
+    error = mean_error(run, done) if done.folds == 0 else 0.0
+    if error < _LARGE_DEG:
         return done
-    error = mean_error(run, done)
-    if error < _GOOD_DEG:
-        return done
-    other = solved_in_logarithms(run, method, splits.parts)
+    other = _in_logarithms(run, method, splits)
     return other if other is not None and other.folds == 0 and mean_error(run, other) < error else done
 
 
