@@ -6,6 +6,7 @@ import numba
 import numpy as np
 from scipy.sparse import csr_array
 
+from pgcp.surface import plain
 from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 _SPARE = 1e-5
@@ -60,7 +61,8 @@ def needed_mollification(vertices: FloatArray, faces: IntArray) -> float:
     0 where the triangle inequality holds everywhere with 1e-10 of the mean edge length to spare; else it then holds with
     1e-5 of it.
     """
-    spare, mean = _spare_length(vertices, faces)
+    look = plain.spare_length if plain.is_few(faces, _spare_length) else _spare_length
+    spare, mean = look(vertices, faces)
     return 0.0 if spare >= _ENOUGH_SPARE * mean else float(_SPARE * mean - spare)
 
 
@@ -105,6 +107,11 @@ def face_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         out[f] = 0.5 * np.sqrt(nx * nx + ny * ny + nz * nz)
     return out
+
+
+def looked_at_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Area of every face (F,) of a mesh that may be refused: the same, without compiled code where faces are few."""
+    return plain.face_areas(vertices, faces) if plain.is_few(faces, face_areas) else face_areas(vertices, faces)
 
 
 def corner_weights(vertices: FloatArray, faces: IntArray, mollification: float = 0.0) -> FloatArray:
