@@ -330,10 +330,13 @@ def _written_header(vertices: int, faces: int, fields: list[tuple[str, str]]) ->
 
 
 def write_ply(stream: IO[bytes], arrays: Arrays) -> None:
-    """Write a binary PLY file; uv become ``s, t``, coordinates on the sphere ``sx, sy, sz``."""
+    """Write a binary PLY file; uv become ``s, t``, coordinates on the sphere ``sx, sy, sz``.
+
+    s and t are floats, or doubles where the arrays have a key "in_doubles".
+    """
     count, triangles = len(arrays["vertices"]), arrays["faces"]
     columns = [
-        (name, kind, arrays[source][:, axis])
+        (name, "<f8" if "in_doubles" in arrays else kind, arrays[source][:, axis])
         for source, (kind, names) in _WRITTEN.items()
         if source in arrays
         for axis, name in enumerate(names)

@@ -17,12 +17,13 @@ from pgcp.io.formats import DEFAULT_OUTPUTS, VERTICES, Arrays, Format, of_suffix
 from pgcp.types import FloatArray, Mesh, Parameterization
 
 _PICTURE, _REPORT = ".png", "report.json"
+_ALWAYS = ("faces", "in_doubles")
 
 
 def _write(stream: IO[bytes], kind: Format, arrays: Arrays) -> None:
     """Write those of the arrays that the format carries."""
     assert kind.write is not None
-    kind.write(stream, {name: values for name, values in arrays.items() if name == "faces" or name in kind.carries})
+    kind.write(stream, {name: values for name, values in arrays.items() if name in _ALWAYS or name in kind.carries})
 
 
 def write_mesh(path: str | Path, mesh: Mesh, uv: FloatArray | None = None, *, sphere: FloatArray | None = None) -> None:
@@ -71,7 +72,8 @@ def write_outputs(
 ) -> list[Path]:
     """Write a map in formats of these names, png and report.json into a directory made as needed; returns the paths.
 
-    A png is written where there is a picture. What an earlier run wrote of these files and this one does not is removed; of
+    Coordinates that would be folded in 32-bit floats are written as doubles where the format can hold them. A png is written
+    where there is a picture. What an earlier run wrote of these files and this one does not is removed; of
     formats that are not written by default those that its report names. The report is the last path and names all files.
 
     All are written and on the disk before the first takes the place of an earlier one, inside ``switching``; a failure
@@ -82,6 +84,8 @@ def write_outputs(
     arrays: dict[str, np.ndarray] = {key: coordinates, "faces": result.mesh.faces, "patch": result.patch, "mu": result.mu}
     if result.vertex_of is not None and result.face_of is not None:
         arrays |= {"vertex_of": result.vertex_of, "face_of": result.face_of}
+    if result.report.get("single_precision_folds"):
+        arrays["in_doubles"] = np.empty(0)
     names = {f"{stem}{kind.suffixes[0]}": kind for kind in chosen}
     images = {} if picture is None else {f"{stem}{_PICTURE}": picture}
     report = {**result.report, "files": [*names, *images, _REPORT]}

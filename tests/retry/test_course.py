@@ -16,7 +16,7 @@ class Splits:
     """Every attempt leads to a map, which is the attempt."""
 
     def __init__(self, run, method):
-        self.maps = []
+        self.maps, self.parts = [], None
 
     def map(self, attempt):
         return SimpleNamespace(attempt=attempt, route=attempt.route)

@@ -17,7 +17,7 @@ from pgcp.intake.check import _extent
 from pgcp.intake.holes import _optimal, _plain_optimal
 from pgcp.intake.manifold import _fans
 from pgcp.surface import plain
-from pgcp.surface.operators import _spare_length, face_areas
+from pgcp.surface.operators import _ENOUGH_SPARE, _SPARE, _most_needed, face_areas
 from pgcp.surface.topology import _component_count, _fan_starts, _pair, _split_fans
 from pgcp.types import Mesh
 
@@ -57,7 +57,7 @@ def test_meshes_have_one_topology_and_geometry(name):
     same_topology(mesh.faces, len(mesh.vertices))
     for points in (mesh.vertices, mesh.vertices * np.pi - 1e3, np.round(mesh.vertices * 5)):
         assert plain.face_areas(points, mesh.faces).tobytes() == face_areas(points, mesh.faces).tobytes()
-        assert plain.spare_length(points, mesh.faces) == _spare_length(points, mesh.faces)
+        assert plain.most_needed(points, mesh.faces, _ENOUGH_SPARE, _SPARE) == _most_needed(points, mesh.faces)
         assert np.array_equal(plain.extent(points, mesh.faces[1:]), _extent(points, mesh.faces[1:]))
 
 
