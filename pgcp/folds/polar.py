@@ -147,7 +147,7 @@ class _Cap:
         self._tip, self._link, self._sign = tip, link, sign
         here = inside[mesh.faces].any(axis=1)
         self.ids, local = np.unique(mesh.faces[here], return_inverse=True)
-        self._held = np.flatnonzero(~inside[self.ids])
+        self._held, self.free = np.flatnonzero(~inside[self.ids]), np.flatnonzero(inside[self.ids])
         laplacian = weights.laplacian(mesh.vertices[self.ids], local.reshape(-1, 3))
         self._factor = eliminate_interior(laplacian, self._held, weights.backend)
 
@@ -264,9 +264,13 @@ def _alternated(mesh: Mesh, strip: _Strip, jumps: csr_array, tip: int, far: int,
         if turn == _TURNS - 1:
             break
         around = [cap.around(s, jumps) for cap, s in zip(caps, solved, strict=True)]
-        w = strip.solve(strip.shifted(around[0], around[1] if far >= 0 else at_end))
+        values = strip.shifted(around[0], around[1] if far >= 0 else at_end)
+        if far < 0:
+            at_end = _on_circle(strip, values, jumps)
+            values = strip.shifted(around[0], at_end)
+        w = strip.solve(values)
     for cap, s in zip(caps, solved, strict=True):
-        w[cap.ids] = s
+        w[cap.ids[cap.free]] = s[cap.free]
     w[tip] = -np.inf
     if far >= 0:
         w[far] = np.inf

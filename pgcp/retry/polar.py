@@ -41,5 +41,6 @@ def solved_in_logarithms(run: Run, method: Method, parts: Parts, positive: bool 
 
 
 def mean_error(run: Run, done: Finished) -> float:
-    """Mean angle error of a map, degrees, before its correction and repair: the choice of a map should not depend on these."""
-    return float(angle_errors(run.mesh.bare, done.target.space.coordinates(done.mapped.points)).mean())
+    """Mean angle error of a map, degrees: after its repair, or before its correction, on which the choice should not depend."""
+    points = done.points if done.repaired.folds_before else done.mapped.points
+    return float(angle_errors(run.mesh.bare, done.target.space.coordinates(points)).mean())
