@@ -118,7 +118,7 @@ FAULTS = {
     "file": disturb_file,
     "disk": disturb_disk,
 }
-# how a disturbed run may end before it is resumed: 4; 2 where no file could be written or no scheduler answered at first; killed
+# how a disturbed run may end: 4, 2 where no file can be written or no scheduler answers at first; killed
 ALLOWED = {
     "worker": {0},
     "pause": {0},
