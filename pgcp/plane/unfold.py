@@ -77,9 +77,12 @@ def unfolded(vertices: FloatArray, faces: IntArray, twins: IntArray) -> ComplexA
     are laid out ring by ring about the smallest one, whose first corner comes to 0: what is small keeps its digits. A surface
     that is not developable is left at the first vertex at which faces do not close to a billionth of their size.
     """
+    edges = vertices[faces] - vertices[np.roll(faces, -1, axis=1)]
+    squares = np.einsum("fij,fij->fi", edges, edges)
+    if not squares.all():  # an edge of no length has no direction to turn a face to
+        return None
     if not _laid_out(vertices, faces, twins, 0, _NEARLY_CLOSE)[1]:  # from there sizes may grow less well
         return None
-    edges = vertices[faces] - vertices[np.roll(faces, -1, axis=1)]
-    start = int(np.argmin(np.einsum("fij,fij->f", edges, edges)))
+    start = int(np.argmin(squares.sum(axis=1)))
     z, fits = _laid_out(vertices, faces, twins, start, _CLOSE)
     return z if fits and np.isfinite(z).all() else None
