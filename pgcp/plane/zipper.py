@@ -207,8 +207,6 @@ def _open_arc(arc: ComplexArray, others: ComplexArray, branch: float) -> tuple[F
         x[m], y = _right_root(w.real, w.imag)
         w = (z1 - z0) * (arc[m] - arc[m - 1]) / ((arc[m] - z0) * (arc[m - 1] - z0))
         step_re[m], step_im[m] = _root_difference(w.real, w.imag, x[m], y, x[m - 1], y_0)
-        if m == 2:
-            step_re[m], step_im[m] = x[m], y
         y_0 = y
     p = np.zeros(k)
     gaps = np.zeros(k - 1)
