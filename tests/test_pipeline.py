@@ -158,7 +158,7 @@ def free_port():
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory):
-    """A scheduler and two workers, started as a user would start them; all are gone afterwards, also where one did not start."""
+    """A scheduler and two workers, started as a user would start them; all are gone afterwards, whatever happens."""
     processes = Processes()
     try:
         started = Cluster(tmp_path_factory.mktemp("cluster"), processes)
@@ -180,7 +180,7 @@ def test_a_running_cluster_is_used_by_address_and_by_file(cluster, reference, tm
 
 
 def passed(mesh, address, more=None):
-    """The map in 6 patches, and what passes through a scheduler in each stage: bytes of arguments, bytes of results, pickled."""
+    """The map in 6 patches, pickled bytes of arguments and results of each stage, the results; ``more`` goes with them."""
     sizes, made = {}, {}
 
     class Watched(DaskExecutor):
