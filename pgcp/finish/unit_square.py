@@ -18,63 +18,83 @@ from pgcp.types import FloatArray, IntArray, Layout, Mesh
 MARGIN = 0.02
 _STEADY = 0.05  # an axis shows where the map's upward directions agree so far
 _POLE = 1e-9  # radians
+_SAMPLE = 100_000  # faces
 _FRONT = {0: np.array([0.0, -1.0, 0.0]), 1: np.array([0.0, 0.0, 1.0]), 2: np.array([0.0, -1.0, 0.0])}
 
 
 @numba.njit(cache=True, nogil=True)
-def _upwards(vertices: FloatArray, image: FloatArray, faces: IntArray, begin: int, end: int) -> FloatArray:
-    """Sums (4, 2): gradients in the map of x, y and z, times the map's scale and the area on the surface; then (area, 0)."""
-    total = np.zeros((4, 2))
+def _upwards(vertices: FloatArray, image: FloatArray, faces: IntArray, units: FloatArray, begin: int, end: int) -> FloatArray:
+    """Sums (4, 2): gradients in the map of x, y and z, times the map's scale and the area on the surface; then (area, 0).
+
+    units (2,): of the surface and of the map, in which lengths are of about 1.
+    """
+    total, edges, sides = np.zeros((4, 2)), np.empty((2, 3)), np.empty((2, 2))
     for f in range(begin, end):
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        ux, uy, uz = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2]
-        vx, vy, vz = vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1], vertices[c, 2] - vertices[a, 2]
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        for i in range(2):
+            for d in range(3):
+                edges[i, d] = (vertices[faces[f, i + 1], d] - vertices[faces[f, 0], d]) / units[0]
+            for d in range(2):
+                sides[i, d] = (image[faces[f, i + 1], d] - image[faces[f, 0], d]) / units[1]
+        nx = edges[0, 1] * edges[1, 2] - edges[0, 2] * edges[1, 1]
+        ny = edges[0, 2] * edges[1, 0] - edges[0, 0] * edges[1, 2]
+        nz = edges[0, 0] * edges[1, 1] - edges[0, 1] * edges[1, 0]
         area = 0.5 * np.sqrt(nx * nx + ny * ny + nz * nz)
-        px, py, qx, qy = (
-            image[b, 0] - image[a, 0],
-            image[b, 1] - image[a, 1],
-            image[c, 0] - image[a, 0],
-            image[c, 1] - image[a, 1],
-        )
-        double = px * qy - py * qx
+        double = sides[0, 0] * sides[1, 1] - sides[0, 1] * sides[1, 0]
         if not (area > 0.0 and double > 0.0):
             continue
         weight = area * np.sqrt(0.5 * double / area) / double
         for d in range(3):
-            s, t = vertices[b, d] - vertices[a, d], vertices[c, d] - vertices[a, d]
-            total[d, 0] += weight * (s * qy - t * py)
-            total[d, 1] += weight * (t * px - s * qx)
+            total[d, 0] += weight * (edges[0, d] * sides[1, 1] - edges[1, d] * sides[0, 1])
+            total[d, 1] += weight * (edges[1, d] * sides[0, 0] - edges[0, d] * sides[1, 0])
         total[3, 0] += area
     return total
 
 
-def _spans(mesh: Mesh) -> FloatArray:
-    """How far (3,) the vertices in use reach along the axes."""
-    corners = mesh.vertices[mesh.faces.reshape(-1)]
-    return np.asarray(np.ptp(corners, axis=0))
+def upright_angle(mesh: Mesh, uv: FloatArray, up: str = "auto") -> tuple[float, str | None]:
+    """By what angle, in radians, a map (V, 2) is turned so that the surface's up is up, and which axis that is.
+
+    Up is the direction in which a coordinate of the surface grows, on average over its area. With ``auto`` it is that of y
+    or z, whichever is steadier. Where none shows, as of a ball from above, 0 and None.
+    """
+    units = np.array([max(float(np.ptp(points, axis=0).max()), 1e-300) for points in (mesh.vertices, uv)])
+    sums = np.sum(in_slices(partial(_upwards, mesh.vertices, uv, mesh.faces, units), len(mesh.faces)), axis=0)
+    gradients = sums[:3] / max(float(sums[3, 0]), 1e-300)
+    steady = np.hypot(*gradients.T)
+    axis = _axis(up, steady)
+    if not steady[axis] > _STEADY:
+        return 0.0, None
+    angle = float(0.5 * np.pi - np.arctan2(gradients[axis, 1], gradients[axis, 0]))
+    return (angle + np.pi) % (2 * np.pi) - np.pi, "xyz"[axis]
+
+
+def standing(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """How well (3,) a surface stands with x, y or z up: how wide its lowest twentieth is, as a share of all of it.
+
+    An animal has its feet there, a bust its base, a tail or a nose is narrow.
+    """
+    points = vertices[np.unique(faces[:: len(faces) // _SAMPLE | 1])]
+    low, span = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-300)
+    shares = np.empty(3)
+    for axis in range(3):
+        lowest = points[points[:, axis] <= low[axis] + 0.05 * span[axis]]
+        across = np.delete(np.ptp(lowest, axis=0) / span, axis)
+        shares[axis] = across.prod()
+    return shares
 
 
 def _axis(up: str, shown: FloatArray) -> int:
     """The axis that is up: the one asked for, else y or z, whichever shows more; of equals z."""
     if up not in UPS:
         raise InputError(f"unknown axis {up!r}; choose from {', '.join(UPS)}")
-    return "xyz".index(up) if up != "auto" else 1 if shown[1] > 1.001 * shown[2] else 2
+    return "xyz".index(up) if up != "auto" else 1 if shown[1] > 1.05 * shown[2] else 2
 
 
 def in_unit_square(mesh: Mesh, uv: FloatArray, up: str = "auto") -> Layout:
-    """A map to the plane (V, 2) in [0, 1]^2: turned so that the surface's up is up, scaled evenly, moved; 2 % margin.
+    """A map to the plane (V, 2) in [0, 1]^2: turned upright (``upright_angle``), scaled evenly, moved; 2 % margin.
 
-    Up is the direction in which a coordinate of the surface grows, on average over its area. With ``auto`` it is that of y
-    or z, whichever is steadier. Where none shows, as of a ball from above, the map is not turned. Raises InputError for
-    another axis.
+    Raises InputError for another axis.
     """
-    sums = np.sum(in_slices(partial(_upwards, mesh.vertices, uv, mesh.faces), len(mesh.faces)), axis=0)
-    gradients = sums[:3] / max(float(sums[3, 0]), 1e-300)
-    steady = np.hypot(*gradients.T)
-    axis = _axis(up, steady)
-    angle = float(0.5 * np.pi - np.arctan2(gradients[axis, 1], gradients[axis, 0])) if steady[axis] > _STEADY else 0.0
-    angle = (angle + np.pi) % (2 * np.pi) - np.pi
+    angle, axis = upright_angle(mesh, uv, up)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     turned = uv @ turn.T
     used = turned[mesh.faces.reshape(-1)]
@@ -84,7 +104,7 @@ def in_unit_square(mesh: Mesh, uv: FloatArray, up: str = "auto") -> Layout:
     points = np.clip(turned * scale + shift, 0.0, 1.0)  # vertices that no face uses
     record = {
         "kind": "unit square",
-        "up": "xyz"[axis] if steady[axis] > _STEADY else None,
+        "up": axis,
         "angle_deg": float(np.degrees(angle)),
         "scale": scale,
         "shift": shift.tolist(),
@@ -95,11 +115,11 @@ def in_unit_square(mesh: Mesh, uv: FloatArray, up: str = "auto") -> Layout:
 def on_the_globe(mesh: Mesh, sphere: FloatArray, up: str = "auto") -> Layout:
     """Longitude and latitude of a map to the sphere (V, 3) as texture coordinates, (0, 0) at the date line's south end.
 
-    The axis is the one along which the surface stands: with ``auto`` y or z, whichever it spans farther. The date line is at
-    the back. A face across it has corners beyond 1, which repeating textures continue; a corner at a pole has the mean
-    longitude of the face's other corners. Raises InputError for another axis.
+    The axis is the one along which the surface stands: with ``auto`` y or z, whichever it stands on more widely. The date
+    line is at the back. A face across it has corners beyond 1, which repeating textures continue; a corner at a pole has the
+    mean longitude of the face's other corners. Raises InputError for another axis.
     """
-    axis = _axis(up, _spans(mesh))
+    axis = _axis(up, standing(mesh.vertices, mesh.faces) if up == "auto" else np.zeros(3))
     north = np.eye(3)[axis]
     front = _FRONT[axis]
     x, y, z = sphere @ front, sphere @ np.cross(north, front), sphere @ north
