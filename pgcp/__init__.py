@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from pgcp.runtime.compiled import find_cache
 
 if TYPE_CHECKING:
-    from pgcp.api import check_mesh, compute, parameterize
+    from pgcp.api import check_mesh, compare, compute, parameterize
     from pgcp.errors import (
         BadFileError,
         CrowdedError,
@@ -62,6 +62,7 @@ __all__ = [
     "StoppedError",
     "WeldFailedError",
     "check_mesh",
+    "compare",
     "compute",
     "parameterize",
     "read_mesh",
@@ -73,6 +74,7 @@ _HOMES = {
     "Options": "options",
     "Running": "options",
     "check_mesh": "api",
+    "compare": "api",
     "compute": "api",
     "parameterize": "api",
     "Result": "result",

@@ -140,13 +140,14 @@ def dask_setup(_worker):
 def main():
     """The command, with a log of what has arrived in its own process."""
     from pgcp.cli import main as cli
-    from pgcp.cli import terminal
+    from pgcp.cli.progress import Silent
     from pgcp.runtime.executors.connection import Connection
 
-    def arrived(_bars, stage, done, total):
-        note(Path(), "at", stage, done, total)
+    class Heard(Silent):
+        def __call__(self, stage, done, total):
+            note(Path(), "at", stage, done, total)
 
-    terminal.Bars.__call__ = arrived
+    cli.display = lambda _quiet: Heard()
     Connection.patience_s = float(os.environ.get(PATIENCE, Connection.patience_s))
     cli.run()
 

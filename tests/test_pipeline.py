@@ -626,7 +626,8 @@ def test_a_weld_that_fails_every_time_is_an_error(monkeypatch, hills):
         ({"executor": "magic"}, "unknown executor 'magic'; choose from dask, threads"),
         ({"executor": "threads", "workers": 2}, "the executor threads has no workers"),
         ({"executor": "dask"}, "the executor dask needs workers or a scheduler"),
-        ({"scheduler": "a", "scheduler_file": Path("b")}, "not both"),
+        ({"scheduler": "a", "scheduler_file": Path("b")}, "give one of"),
+        ({"scheduler": "a", "client": 3}, "give one of"),
         ({"factor_cache_bytes": -1}, "factor_cache_bytes"),
     ],
 )

@@ -9,10 +9,11 @@ import signal
 import sys
 import time
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
+from pgcp.cli.compare import compared
 from pgcp.cli.parser import build_parser, options_of, outputs_of, running_of
 from pgcp.cli.progress import Silent, display, logged
 from pgcp.cli.summary import check_only, record, summary
@@ -23,7 +24,7 @@ from pgcp.options import AUTO, Options, Running
 from pgcp.parallel import leave, processor_count
 from pgcp.runtime.address_space import NEEDS_MEMORY, check_address_space
 from pgcp.runtime.compiled import cache_is_temporary, compile_all, compiled_together, drop_temporary_cache
-from pgcp.runtime.forks import collect_seldom, prepare_forks
+from pgcp.runtime.forks import collect_seldom, leave_nothing, prepare_forks
 from pgcp.runtime.versions import package_versions
 
 if TYPE_CHECKING:
@@ -51,6 +52,8 @@ def _run(arguments: argparse.Namespace, signals: Signals) -> int:
                 return _checked(arguments, shown)
             if running.starts_workers:
                 prepare_forks()
+            if arguments.compare is not None:
+                return compared(arguments, options, running, shown)
             if cache_is_temporary() and not arguments.quiet:
                 print(f"pgcp-run: {_NO_CACHE}", file=sys.stderr)
             with compiled_together(_usual(arguments.target), processor_count() - 1, shown):
@@ -74,6 +77,7 @@ def _mapped(
 ) -> tuple[Result, Path, list[Path]]:
     """The map of a mesh, the folder of the results, and the files written there."""
     from pgcp.api import compute
+    from pgcp.io.files import claimed
     from pgcp.report.texture import as_png
     from pgcp.surface.demo import demo_mesh
 
@@ -88,12 +92,18 @@ def _mapped(
     _check_files(arguments)
     texture = None if arguments.texture is None else as_png(arguments.texture)
     shown("start", 1, 1)
-    result = compute(demo_mesh() if arguments.mesh is None else arguments.mesh, options, running, shown)
-    try:
-        paths = _written(result, directory / stem, kinds, texture, arguments, signals, shown)
-    except OSError as problem:
-        raise InputError(f"{directory}: cannot write the results: {_of_system(problem)}") from problem
+    with claimed(directory) if _has_folder(arguments) else nullcontext():
+        result = compute(demo_mesh() if arguments.mesh is None else arguments.mesh, options, running, shown)
+        try:
+            paths = _written(result, directory / stem, kinds, texture, arguments, signals, shown)
+        except OSError as problem:
+            raise InputError(f"{directory}: cannot write the results: {_of_system(problem)}") from problem
     return result, directory, paths
+
+
+def _has_folder(arguments: argparse.Namespace) -> bool:
+    """Whether the usual results are written into a folder."""
+    return not arguments.output or arguments.output_dir is not None
 
 
 def _check_files(arguments: argparse.Namespace) -> None:
@@ -121,7 +131,7 @@ def _written(
     from pgcp.io.write import within, write_files, write_outputs
     from pgcp.report.picture import draw
 
-    has_folder = not arguments.output or arguments.output_dir is not None
+    has_folder = _has_folder(arguments)
     with_picture = (has_folder and not arguments.no_png) or any(path.suffix.lower() == ".png" for path in arguments.output)
     shown("draw", 0, 0)
     picture = draw(result) if with_picture else None
@@ -142,7 +152,7 @@ def _told(result: Result, seconds: float, directory: Path, paths: list[Path], ar
     """Say what a map is like; returns the exit status."""
     from pgcp.report.record import fold_message
 
-    where = str(directory) if not arguments.output or arguments.output_dir is not None else ", ".join(map(str, paths))
+    where = str(directory) if _has_folder(arguments) else ", ".join(map(str, paths))
 
     if arguments.json:
         say(json.dumps(record(result, seconds, paths)))
@@ -258,6 +268,7 @@ def run() -> NoReturn:
     with suppress(OSError):
         sys.stdout.flush()
         sys.stderr.flush()
+    leave_nothing()
     drop_temporary_cache()
     leave(status)
     raise SystemExit(status)

@@ -152,7 +152,7 @@ def embedding_alone(here: Surroundings) -> Positions:
         start: Positions = np.where(size[:, None] > 0, away / np.where(size > 0, size, 1.0)[:, None], [0.0, 0.0, 1.0])
     else:
         loop = mesh.vertices[here.boundary]
-        lengths = np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1) + here.mollification
+        lengths = np.maximum(np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1), here.mollification)
         lengths = np.maximum(lengths, _SHORTEST * lengths.sum())
         start = np.zeros(len(mesh.vertices), np.complex128)
         start[here.boundary] = np.exp(2j * np.pi * (np.cumsum(lengths) - lengths[0]) / lengths.sum())

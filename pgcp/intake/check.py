@@ -24,6 +24,7 @@ _PILLOW = (
     "needs four vertices"
 )
 _FAR = 1e4
+_AWAY = 1.5  # sizes from the origin: there all coordinates are within a factor of two, and differ by numbers without error
 
 
 class Asked(Protocol):
@@ -165,9 +166,10 @@ def _lost_digits(mesh: Mesh) -> str:
 
 
 def unit_mesh(mesh: Mesh) -> tuple[Mesh, float]:
-    """The mesh moved to the origin and scaled by a power of two to a size of about 1, and that power of two.
+    """The mesh moved near the origin and scaled by a power of two to a size of about 1, and that power of two.
 
-    Results then depend neither on the unit of length nor on the place. Raises DegenerateError where all vertices coincide.
+    Results then depend neither on the unit of length nor, but for rounding, on the place. Nothing is rounded here: along an
+    axis on which the mesh is not far from the origin it stays where it is. Raises DegenerateError where all vertices coincide.
     """
     largest = float(max(mesh.vertices.max(), -mesh.vertices.min()))
     exponent = int(np.frexp(largest)[1])
@@ -177,7 +179,8 @@ def unit_mesh(mesh: Mesh) -> tuple[Mesh, float]:
     if not size > 0.0:
         raise DegenerateError(f"{mesh.name}: all faces have zero area")
     more = int(np.frexp(size)[1])
-    points -= 0.5 * (low + high)
+    middle = 0.5 * (low + high)
+    points -= np.where(np.abs(middle) > _AWAY * (high - low), middle, 0.0)
     np.ldexp(points, -more, out=points)
     return Mesh(points, mesh.faces, mesh.name, mesh.filler), float(np.ldexp(1.0, exponent + more))
 

@@ -32,7 +32,7 @@ class Format:
     read(data, beside): vertices (V, 3) float64 and faces (F, 3) integers from a file's bytes; ``beside(name)`` gives the bytes
     of another file of the same folder; raises BadFileError with a sentence. None where the format is not read.
     write(stream, arrays): writes "faces" (F, 3), and of the arrays named in ``carries`` those that there are. None where the
-    format is not written.
+    format is not written. A key "in_doubles" says that coordinates should not be rounded to 32-bit floats.
     carries: which arrays a written file holds beside the faces: "vertices" (V, 3) of the surface; the map's coordinates, "uv"
     (V, 2) in the plane or "sphere" (V, 3); "patch" and "mu" (F,); "vertex_of" (V,) and "face_of" (F,) of a fixed mesh; what a
     Result measures by vertex or face, under its name; "normals" (V, 3) of the surface. Where a format has no place for the

@@ -341,12 +341,13 @@ def _are_single(points: FloatArray) -> bool:
 def write_ply(stream: IO[bytes], arrays: Arrays) -> None:
     """Write a binary PLY file; uv become ``s, t``, coordinates on the sphere ``sx, sy, sz``.
 
-    Vertices are written in single precision where that is exact.
+    Vertices are written in single precision where that is exact. s and t are floats, or doubles where the arrays have a key
+    "in_doubles".
     """
     count, triangles = len(arrays["vertices"]), arrays["faces"]
     single = {"vertices": "<f4"} if _are_single(arrays["vertices"]) else {}
     columns = [
-        (name, single.get(source, kind), arrays[source][:, axis])
+        (name, single.get(source, "<f8" if "in_doubles" in arrays else kind), arrays[source][:, axis])
         for source, (kind, names) in _WRITTEN.items()
         if source in arrays
         for axis, name in enumerate(names)

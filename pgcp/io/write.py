@@ -23,12 +23,14 @@ _MEASURES = (*_BY_VERTEX, "angle_error", "area_ratio")
 _BESIDE = (".mtl", "_texture.png")  # an OBJ file's material and texture
 PACKED = ".gz"
 _SMALL, _TIMES = 1_000_000, 4
+_ALWAYS = ("faces", "in_doubles")
 
 
 def _write(stream: IO[bytes], kind: Format, arrays: Arrays, stem: str = "", png: bytes | None = None) -> dict[str, bytes]:
     """Write those of the arrays that the format carries, textured if there is a picture; returns files to go beside it."""
     assert kind.write is not None
-    carried = {name: values for name, values in arrays.items() if name == "faces" or name in kind.carries}
+    always = _ALWAYS[: 1 if kind.is_exact else 2]
+    carried = {name: values for name, values in arrays.items() if name in always or name in kind.carries}
     if png is not None and kind.textured is not None and "uv" in carried:
         return kind.textured(stream, carried, stem, png)
     kind.write(stream, carried)
@@ -89,6 +91,8 @@ def _arrays_for(kind: Format, result: Parameterization, layout: Layout | None) -
     if result.vertex_of is not None and result.face_of is not None:
         arrays |= {"vertex_of": result.vertex_of, "face_of": result.face_of}
     arrays |= {name: getattr(result, name) for name in _MEASURES if name in kind.carries and hasattr(result, name)}
+    if result.report.get("single_precision_folds"):
+        arrays["in_doubles"] = np.empty(0)
     if "normals" in kind.carries:
         arrays["normals"] = _normals(mesh.vertices, mesh.faces)
     on_texture = layout is not None and not kind.is_exact and "uv" in kind.carries and (key == "uv" or key not in kind.carries)
@@ -128,7 +132,8 @@ def write_outputs(
 ) -> list[Path]:
     """Write a map in formats of these names, png and report.json into a directory made as needed; returns the paths.
 
-    A png is written where there is a picture. What an earlier run wrote of these files and this one does not is removed; of
+    Coordinates that would be folded in 32-bit floats are written as doubles where the format can hold them. A png is written
+    where there is a picture. What an earlier run wrote of these files and this one does not is removed; of
     formats that are not written by default those that its report names. The report is the last path and names all files.
     layout: texture coordinates, the map's own where there is none; texture: a PNG, for formats that have textures.
 

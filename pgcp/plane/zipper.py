@@ -207,8 +207,6 @@ def _open_arc(arc: ComplexArray, others: ComplexArray, branch: float) -> tuple[F
         x[m], y = _right_root(w.real, w.imag)
         w = (z1 - z0) * (arc[m] - arc[m - 1]) / ((arc[m] - z0) * (arc[m - 1] - z0))
         step_re[m], step_im[m] = _root_difference(w.real, w.imag, x[m], y, x[m - 1], y_0)
-        if m == 2:
-            step_re[m], step_im[m] = x[m], y
         y_0 = y
     p = np.zeros(k)
     gaps = np.zeros(k - 1)
@@ -343,7 +341,7 @@ def close_arcs(upper: FloatArray, lower: FloatArray, others: ComplexArray) -> tu
     return parts[0][0], np.concatenate([moved for _, moved, _ in parts]), parts[0][2]
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _scale_variation(
     tails: ComplexArray, heads: ComplexArray, log_lengths: FloatArray, weights: FloatArray, poles: ComplexArray
 ) -> FloatArray:

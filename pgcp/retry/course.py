@@ -10,17 +10,23 @@ import numpy as np
 from pgcp.errors import CrowdedError, NumericalError, PartitionInputError, WeldFailedError
 from pgcp.folds.repair import embedding_alone, repair_folds
 from pgcp.methods.base import FAILURES, Attempt, Choice, Failure, Mapper, Method
+from pgcp.options import AUTO
 from pgcp.patches.mapped import Mapped
 from pgcp.patches.run import Run
 from pgcp.patches.stored import Parts, discard, store_parts
 from pgcp.patches.types import SeamPositions
 from pgcp.plane.curves import crossings
+from pgcp.plane.space import find_folds
+from pgcp.plane.unfold import unfolded
 from pgcp.retry.decide import Tried, next_attempt
 from pgcp.retry.finished import EMBED, Finished, are_few, finish, local_repairs, repaired_at_last, surroundings, target_of
+from pgcp.retry.polar import may_be_solved_in_logarithms, mean_error, solved_in_logarithms
 from pgcp.targets.registry import TARGETS
 from pgcp.types import ComplexArray, IntArray
 
 _LISTED = 10
+_WRONG_DEG = 20.0  # mean angle error from which on a map without folds is not taken before others are tried
+_GOOD_DEG = 2.0  # mean angle error up to which a free map is not compared with another
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +56,11 @@ class _Splits:
             self._parts = store_parts(self._run, *key, self._run.cuts, f"{attempt.patches}-{attempt.seed}")
             self._mapper, self._key = self._method.mapper(self._run, self._parts), key
         return self._mapper(attempt.route)
+
+    @property
+    def parts(self) -> Parts | None:
+        """The split at hand."""
+        return self._parts
 
     def discard(self) -> None:
         """Remove the files of the split at hand."""
@@ -91,13 +102,20 @@ def _best(run: Run, method: Method) -> tuple[Finished, tuple[Tried, ...]]:
                 problem = found.problem.with_traceback(None)
             crowded = isinstance(found.problem, CrowdedError)
             history.append(Tried(attempt, found.label, str(found.problem), stage=found.stage, crowded=crowded))
-            continue
-        done = finish(run, method, found)
-        if done.folds == 0 or method.to_target is None:
-            return repaired_at_last(run, done), _told(history)
-        best = min(best or done, done, key=lambda d: (d.folds, d.repaired.folds_before))
-        reason = f"{done.repaired.folds_before} folds, {done.folds} of them left after repair"
-        history.append(Tried(attempt, found.route, reason, done.folds))
+        else:
+            done = finish(run, method, found)
+            if done.folds == 0 or method.to_target is None:
+                return _compared(run, method, repaired_at_last(run, done), splits), _told(history)
+            best = min(best or done, done, key=_by_folds)
+            reason = f"{done.repaired.folds_before} folds, {done.folds} of them left after repair"
+            history.append(Tried(attempt, found.route, reason, done.folds))
+        if len(history) == 1 and splits.parts is not None and may_be_solved_in_logarithms(run, method):
+            done_in_logarithms = solved_in_logarithms(run, method, splits.parts)
+            if done_in_logarithms is not None:
+                if done_in_logarithms.folds == 0 and mean_error(run, done_in_logarithms) < _WRONG_DEG:
+                    return done_in_logarithms, _told(history)
+                if best is not None or done_in_logarithms.folds == 0:
+                    best = min(best or done_in_logarithms, done_in_logarithms, key=_by_folds)
     splits.discard()
     is_wrong = best is not None and not are_few(run, best.folds) and not target_of(run.target).has_free_boundary
     if best is None or (is_wrong and EMBED in run.options.repairs):
@@ -105,6 +123,22 @@ def _best(run: Run, method: Method) -> tuple[Finished, tuple[Tried, ...]]:
             _told(history), problem or WeldFailedError(f"every map had folds, {best.folds if best else 0} and more")
         )
     return repaired_at_last(run, best), _told(history)
+
+
+def _by_folds(done: Finished) -> tuple[int, int]:
+    """What of several maps makes one the best."""
+    return done.folds, done.repaired.folds_before
+
+
+def _compared(run: Run, method: Method, done: Finished, splits: _Splits) -> Finished:
+    """A map without folds, or where its errors are large the one solved in logarithms if that has smaller ones."""
+    if done.folds or splits.parts is None or not may_be_solved_in_logarithms(run, method):
+        return done
+    error = mean_error(run, done)
+    if error < _GOOD_DEG:
+        return done
+    other = solved_in_logarithms(run, method, splits.parts)
+    return other if other is not None and other.folds == 0 and mean_error(run, other) < error else done
 
 
 class _NothingError(Exception):
@@ -128,19 +162,27 @@ def _overlap(z: ComplexArray, boundary: IntArray) -> dict[str, Any]:
     return {"crossings": len(found), "edges": edges}
 
 
-def _embedded(run: Run, tried: tuple[Tried, ...], reason: str) -> Outcome:
+def _embedded(run: Run, method: Method, tried: tuple[Tried, ...], reason: str) -> Outcome:
     """The whole mesh embedded at once, without welds: free of folds, but hardly conformal."""
     target = TARGETS.get(target_of(run.target).gives_way_to or run.target.name)
     here = surroundings(run, target)
     everything = np.arange(len(run.mesh.faces))
+    parts = store_parts(run, run.fewest_patches, run.options.seed, None, "whole")
+    fallback = {"from": run.target.name, "to": f"{target.name} (embedding)", "reason": reason}
+    in_logarithms = None
+    if may_be_solved_in_logarithms(run, method):
+        in_logarithms = solved_in_logarithms(replace(run, target=target), method, parts, positive=True)
+        if in_logarithms is not None and in_logarithms.folds == 0:
+            return Outcome(in_logarithms, tried, None, fallback)
     with run.clock.stage("embed"):
         repaired = repair_folds(here, embedding_alone(here), local_repairs(run))
-    parts = store_parts(run, run.fewest_patches, run.options.seed, None, "whole")
+    if in_logarithms is not None and in_logarithms.folds < repaired.folds:
+        return Outcome(in_logarithms, tried, None, fallback)
     none = np.empty(0, np.int64)
     nowhere = SeamPositions(none, repaired.points[none])
     mapped = Mapped(parts, target, repaired.points, np.zeros(len(everything), np.complex128), nowhere, [])
     done = Finished(mapped, replace(repaired, touched=everything))
-    return Outcome(done, tried, None, {"from": run.target.name, "to": f"{target.name} (embedding)", "reason": reason})
+    return Outcome(done, tried, None, fallback)
 
 
 def map_mesh(run: Run, method: Method) -> Outcome:
@@ -156,12 +198,43 @@ def map_mesh(run: Run, method: Method) -> Outcome:
     except _NothingError as nothing:
         if EMBED not in run.options.repairs or method.to_target is None or not isinstance(nothing.problem, FAILURES):
             raise nothing.problem from None
-        return _embedded(run, nothing.tried, str(nothing.problem))
-    is_free = target_of(run.target).has_free_boundary
-    outcome = _free_or_other(run, method, done, tried) if is_free else Outcome(done, tried)
+        return _embedded(run, method, nothing.tried, str(nothing.problem))
+    if target_of(run.target).has_free_boundary:
+        outcome = _free_or_other(run, method, _freest(run, method, done), tried)
+    else:
+        outcome = Outcome(done, tried)
     if run.options.seams == "exact" and outcome.fallback is None and outcome.done.mapped.seams_by != "exact":
         return replace(outcome, fallback={"from": "exact seams", "to": "welded ones", "reason": tried[0].reason})
     return outcome
+
+
+def _freest(run: Run, method: Method, done: Finished) -> Finished:
+    """The best map with a free boundary that is at hand.
+
+    A developable surface is unfolded: that is its conformal map, exact to rounding. Where the free map has large errors, as
+    with a boundary of few vertices that the whole surface is squeezed into, the map to the target it gives way to may have
+    smaller ones; it then is the free map.
+    """
+    if method.to_target is None:
+        return done
+    everything = np.arange(len(done.mapped.mu))
+    flat = unfolded(run.mesh.vertices, run.mesh.faces, run.topology.twins)
+    if flat is not None and not (run.options.no_overlap and len(crossings(flat[run.boundary]))):
+        folds = len(find_folds(done.target.space, run.mesh.bare.faces, flat))
+        if folds <= done.folds and run.options.moebius in (AUTO, "none"):
+            return replace(done, repaired=replace(done.repaired, points=flat, touched=everything, folds=folds))
+    other = target_of(run.target).gives_way_to
+    error = mean_error(run, done)
+    if other is None or done.folds or error < _GOOD_DEG:
+        return done
+    try:
+        mapped = method.to_target(replace(run, target=TARGETS.get(other)), done.mapped)
+        found = repaired_at_last(run, finish(run, method, mapped))
+    except (NumericalError, PartitionInputError):
+        return done
+    if found.folds > done.folds or (found.folds == done.folds and mean_error(run, found) >= error):
+        return done
+    return replace(found, mapped=replace(found.mapped, target=run.target), correction=None)
 
 
 def _free_or_other(run: Run, method: Method, done: Finished, tried: tuple[Tried, ...]) -> Outcome:
@@ -179,5 +252,5 @@ def _free_or_other(run: Run, method: Method, done: Finished, tried: tuple[Tried,
     except NumericalError as problem:
         if unwanted and not done.folds:
             raise
-        return _embedded(run, tried, f"{reason}, and to the {other} {problem}")
+        return _embedded(run, method, tried, f"{reason}, and to the {other} {problem}")
     return Outcome(found, tried, None, {"from": run.target.name, "to": other, "reason": reason})

@@ -142,7 +142,10 @@ def compiled_together(run: str, helpers: int, progress: Progress) -> Iterator[No
     depth, count, begun, others = 0, 0, False, _Helpers()
 
     class Listener(event.Listener):  # type: ignore[misc]
+        """Counts what is compiled, but not what that needs."""
+
         def on_start(self, said: Any) -> None:
+            """Start the helpers at the first."""
             nonlocal depth, begun
             depth += 1
             if not begun:
@@ -151,6 +154,7 @@ def compiled_together(run: str, helpers: int, progress: Progress) -> Iterator[No
                 others.start(run, helpers)
 
         def on_end(self, said: Any) -> None:
+            """Count."""
             nonlocal depth, count
             depth -= 1
             if depth == 0:
@@ -173,6 +177,7 @@ def compile_all(processes: int, progress: Progress) -> None:
     progress(_STAGE, 0, 0)
 
     def heard() -> None:
+        """Count one more."""
         nonlocal count
         with lock:
             count += 1

@@ -13,6 +13,7 @@ from test_real import DISK
 import pgcp
 from pgcp.elimination.dirichlet import available_backends, choose_backend, eliminate_interior
 from pgcp.errors import CrowdedError, SolveFailedError
+from pgcp.methods import cdcp
 from pgcp.methods.ccem import ccem_map
 from pgcp.methods.cdcp import cdcp_map, least_angle_shift
 from pgcp.methods.cem import cem_map
@@ -34,8 +35,9 @@ from pgcp.surface.topology import examine
 from pgcp.types import Mesh
 
 
-def problem(mesh, backend="superlu"):
-    loop = examine(mesh.faces, len(mesh.vertices)).loops[0]
+def problem(mesh, backend="superlu", first=0):
+    """The loop, from its point ``first`` on, and the Laplacian's factor."""
+    loop = np.roll(examine(mesh.faces, len(mesh.vertices)).loops[0], -first)
     return loop, eliminate_interior(cotangent_laplacian(mesh.vertices, mesh.faces), loop, backend)
 
 
@@ -86,6 +88,31 @@ def test_the_dipole_takes_the_derivative_across_its_face():
     two /= np.linalg.norm(two)
     u = (corners - corners[0]) @ (0.7 * one - 1.3 * two)
     assert dipole(corners) @ u == pytest.approx(0.7 + 1.3j, abs=1e-12)
+
+
+@pytest.mark.parametrize("backend", available_backends())
+def test_the_harmonic_boundary_does_not_depend_on_where_the_loop_begins(backend):
+    """A face a million times smaller than the disk: what its dipole leaves over in rounding does not go out at one vertex."""
+    flat, _ = cap(20)
+    ring = np.rint(20 * np.arccos(np.clip(flat.vertices[:, 2], -1, 1)) / 1.2)
+    radius = np.where(ring > 0, 1e-6 ** (1 - (ring - 1) / 19), 0.0)
+    across = flat.vertices[:, :2] / np.maximum(np.linalg.norm(flat.vertices[:, :2], axis=1), 1e-300)[:, None]
+    mesh = Mesh(np.pad(radius[:, None] * across, ((0, 0), (0, 1))), flat.faces)
+    found = []
+    for first in (0, 17, 50):
+        _, factor = problem(mesh, backend, first)
+        found.append(np.roll(harmonic_boundary(mesh.vertices, mesh.faces[0], factor), first))
+    for other in found[1:]:
+        assert np.abs(other - found[0]).max() < 2e-11 * np.abs(found[0]).max()
+
+
+def test_vertices_that_no_face_uses_change_nothing():
+    """The long arm of this surface is far from its middle; 2,000 unused vertices neither take heat nor move the pole."""
+    mesh = lifted(grid(6, 20), 0.5)
+    more = Mesh(np.vstack([np.random.default_rng(0).normal(size=(2000, 3)), mesh.vertices]), mesh.faces + 2000)
+    for patches in (1, 3):
+        plain, other = (pgcp.parameterize(m, method="cdcp", patches=patches) for m in (mesh, more))
+        assert np.abs(other.coordinates[2000:] - plain.coordinates).max() < 1e-9
 
 
 def test_heat_is_one_implicit_step():
@@ -189,6 +216,22 @@ def test_a_correction_that_only_helps_its_sample_is_not_made(monkeypatch):
     assert np.array_equal(kept.z, plain)
 
 
+@pytest.mark.parametrize(("seed", "n"), [(11, 2), (17, 4), (22, 2)])
+def test_a_correction_that_folds_is_not_made(seed, n):
+    """On few large faces a Moebius map of their vertices may fold one and still keep angles better on the whole."""
+    rng, mesh = np.random.default_rng(seed), grid(n, jitter=0.4, seed=seed)
+    mesh = Mesh(mesh.vertices + 0.3 / n * rng.normal(size=mesh.vertices.shape) * [0.5, 0.5, 2], mesh.faces)
+    loop, factor = problem(mesh)
+    centre = centre_of(mesh, loop, factor)
+    plain = cdcp_map(mesh, loop, factor, centre, corrected=False).z
+    moved = shift_disk(plain, least_angle_shift(mesh.vertices, mesh.faces, plain))
+    assert angle_errors(mesh, PLANE.coordinates(moved)).mean() < angle_errors(mesh, PLANE.coordinates(plain)).mean()
+    assert len(folded_faces(mesh.faces, moved)) > len(folded_faces(mesh.faces, plain)) == 0
+    kept = cdcp_map(mesh, loop, factor, centre)
+    assert kept.omega == 0
+    assert np.array_equal(kept.z, plain)
+
+
 def test_a_curve_that_is_not_simple_is_refused():
     t = 2 * np.pi * np.arange(40) / 40
     eight = (np.cos(t) + 1j * np.sin(2 * t)) + 3.0
@@ -252,3 +295,21 @@ def test_real_meshes_are_mapped_as_well_as_by_any(name, mesh_folder):
     for z in (constructive, first.z, least.z):
         assert goes_round_once(z[loop])
         assert len(folded_faces(mesh.faces, z)) == 0
+
+
+@pytest.fixture
+def mapped_hills():
+    mesh = lifted(grid(12, jitter=0.3))
+    loop, factor = problem(mesh)
+    centre = centre_of(mesh, loop, factor)
+    return mesh, loop, factor, centre, cdcp_map(mesh, loop, factor, centre, False)
+
+
+def test_a_correction_that_raises_the_angle_error_is_not_kept(mapped_hills, monkeypatch):
+    mesh, loop, factor, centre, plain = mapped_hills
+    monkeypatch.setattr(cdcp, "least_angle_shift", lambda *_: 0.9 + 0j)
+    found = cdcp_map(mesh, loop, factor, centre)
+    worse = angle_errors(mesh, PLANE.coordinates(shift_disk(plain.z, 0.9))).mean()
+    assert worse > angle_errors(mesh, PLANE.coordinates(plain.z)).mean()
+    assert np.array_equal(found.z, plain.z)
+    assert found.omega == 0

@@ -23,12 +23,12 @@ _STOUT = 0.1
 def late_heat(boundary: IntArray, used: BoolArray, factor: DirichletFactor) -> FloatArray:
     """Heat (n,) from a boundary (n_B,) at 1 after a long time, its first value taken off and time times as large.
 
-    used (n,): vertices that some face uses; the others take no heat.
+    used (n,): vertices that some face uses; what the others are given goes nowhere.
 
     The limit of CDCP eq. 13: L f = 1_B - n_B / n, n the vertices used. It needs no factor but the Laplacian's own, and one
     time fits all meshes; sections 4.1 and 6.2 find the time and the place of little weight.
     """
-    load = np.where(used, -len(boundary) / used.sum(), 0.0).astype(np.complex128)
+    load = np.full(len(used), -len(boundary) / used.sum(), np.complex128)
     load[boundary] += 1.0
     reduced = factor.reduce(load).real
     on_boundary = np.zeros(len(boundary), np.complex128)
