@@ -22,6 +22,7 @@ Kind = TypeVar("Kind", bound=type)
 AUTO = "auto"
 METHOD = "pgcp"
 MOEBIUS = (AUTO, "none", "area", "angle")
+UVS, UPS = ("unit", "surface"), ("auto", "x", "y", "z")  # texture coordinates, and what is up on the texture
 REPAIRS = ("relax", "compose", "average", "untangle", "embed")
 FLATTENERS = ("dncp", "scp")
 BACKENDS = ("nested", "pardiso", "superlu")
