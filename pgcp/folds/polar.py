@@ -52,6 +52,7 @@ def far_ends(vertices: FloatArray, faces: IntArray, boundary: IntArray, laplacia
     none = np.zeros(len(held), np.complex128)
 
     def farthest(source: int) -> int:
+        """Where u is least for a source at one vertex."""
         load = -share.astype(np.complex128)
         load[source] += share.sum()
         return int(np.argmin(factor.solve(load, none).real))

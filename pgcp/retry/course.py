@@ -25,6 +25,7 @@ from pgcp.targets.registry import TARGETS
 from pgcp.types import ComplexArray, IntArray
 
 _LISTED = 10
+_BEYOND_WELDS = 75.0  # log of a range of scales that no weld keeps: digits for half of it from either end
 _WRONG_DEG = 20.0  # mean angle error from which on a map without folds is not taken before others are tried
 _GOOD_DEG = 2.0  # mean angle error up to which a free map is not compared with another
 
@@ -116,6 +117,8 @@ def _best(run: Run, method: Method) -> tuple[Finished, tuple[Tried, ...]]:
                     return done_in_logarithms, _told(history)
                 if best is not None or done_in_logarithms.folds == 0:
                     best = min(best or done_in_logarithms, done_in_logarithms, key=_by_folds)
+                if done_in_logarithms.mapped.details["logarithms"]["range"] > _BEYOND_WELDS:
+                    break
     splits.discard()
     is_wrong = best is not None and not are_few(run, best.folds) and not target_of(run.target).has_free_boundary
     if best is None or (is_wrong and EMBED in run.options.repairs):
