@@ -106,13 +106,3 @@ class Parameterization:
     vertex_of: IntArray | None = None
     face_of: IntArray | None = None
     coordinates_name: str = "uv"
-
-    def to_trimesh(self) -> Any:
-        """The surface as a ``trimesh.Trimesh`` in the same order.
-
-        Coordinates in the plane are its texture coordinates (``visual.uv``), coordinates on the sphere its vertex attribute
-        "sphere"; patch and mu are face attributes.
-        """
-        from pgcp.io.trimesh_bridge import to_trimesh
-
-        return to_trimesh(self)

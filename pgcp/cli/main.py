@@ -13,6 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
+from pgcp.cli.compare import compared
 from pgcp.cli.parser import build_parser, options_of, outputs_of, running_of
 from pgcp.cli.progress import Silent, display, logged
 from pgcp.cli.summary import check_only, record, summary
@@ -49,6 +50,8 @@ def _run(arguments: argparse.Namespace, signals: Signals) -> int:
                 return _checked(arguments, shown)
             if running.starts_workers:
                 prepare_forks()
+            if arguments.compare is not None:
+                return compared(arguments, options, running, shown)
             if cache_is_temporary() and not arguments.quiet:
                 print(f"pgcp-run: {_NO_CACHE}", file=sys.stderr)
             with compiled_together(_usual(arguments.target), processor_count() - 1, shown):

@@ -54,6 +54,12 @@ def _map_options(group: argparse._ArgumentGroup) -> None:
         help=f"how the mesh is mapped (default {METHOD}, which serves every target); the others map the undivided mesh",
     )
     group.add_argument(
+        "--compare",
+        type=_names,
+        metavar="LIST",
+        help="map by several methods, all or a list of names, and print a table of the results instead of writing maps",
+    )
+    group.add_argument(
         "--patches", type=_number, metavar="K", help="number of patches; auto (default): by vertices, workers and memory"
     )
     group.add_argument("--centre", type=int, metavar="VERTEX", help="vertex at the disk's centre or the sphere's north pole")

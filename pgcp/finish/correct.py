@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgcp.finish.families import Family
+from pgcp.finish.least_angle import least_angle, sample_angles
 from pgcp.finish.least_area import AreaSample
 from pgcp.plane.mobius import in_ball
 from pgcp.plane.space import Space, find_folds
-from pgcp.surface.distortion import corner_angles, mean_distortion, mean_turned_error
+from pgcp.surface.distortion import mean_distortion
 from pgcp.surface.operators import face_areas
 from pgcp.types import FloatArray, IntArray, Mesh, Positions
 
@@ -28,12 +29,6 @@ _FOLD_FRACTION = 0.0005
 _WORTH, _PROMISING = 0.99, 0.995
 _TINY = 1e-300
 _LONGEST = 1.0 - 1e-12
-_SCAN_SAMPLE = 2000
-_SCAN_DIRECTIONS = 12
-_SCAN_AIMS = 48
-_SCAN_DISTANCES = (0.5, 1.0, 2.0, 3.0, 4.5, 6.0)
-_SIMPLEX = 0.3
-_DESCENT_STEPS = 80
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,48 +89,6 @@ def _sampled(count: int) -> IntArray:
     return np.arange(count) if count <= _ANGLE_SAMPLE else np.random.default_rng(0).choice(count, _ANGLE_SAMPLE, False)
 
 
-def _angle_objective(here: Setting, face_ids: IntArray) -> Objective:
-    """Mean |angle error| (radians) of some faces as a function of the parameter."""
-    ids, corners = np.unique(here.mesh.faces[face_ids], return_inverse=True)
-    faces = corners.reshape(-1, 3)
-    surface, positions, space = corner_angles(here.mesh.vertices[ids], faces), here.positions[ids], here.space
-
-    def mean_error(v: FloatArray) -> float:
-        """With the parameter v."""
-        points = space.coordinates(here.family.moved(positions, v))
-        return float(mean_turned_error(points, faces, surface, space.closed))
-
-    return mean_error
-
-
-def _least_angle(here: Setting, sample: IntArray, on_sample: Objective) -> tuple[FloatArray, float]:
-    """Least mean |angle error| of a sample of faces: a scan of the ball, then Nelder-Mead (CDCP section 4.3).
-
-    Returns where it is, and its ratio to that of the map as it is.
-    """
-    from scipy.optimize import minimize
-
-    faces, k, rng = here.mesh.faces, here.family.parameters, np.random.default_rng(1)
-    rough = _angle_objective(here, sample[:: max(1, len(sample) // _SCAN_SAMPLE)])
-    directions = rng.normal(size=(_SCAN_DIRECTIONS, k))
-    # away from places on the surface: what is crowded there opens up only when aimed at
-    places = here.positions[faces[rng.choice(len(faces), min(len(faces), _SCAN_AIMS), False), 0]]
-    directions = np.vstack([directions, here.family.aims(here.space.in_space(places))])
-    directions /= np.maximum(np.linalg.norm(directions, axis=1), 1e-300)[:, None]
-
-    def descend(objective: Objective, start: FloatArray) -> tuple[float, FloatArray]:
-        """Least value found from a start, and where."""
-        simplex = np.vstack([start, start + _SIMPLEX * np.eye(k)])
-        options = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-8, "maxiter": _DESCENT_STEPS}
-        found = minimize(objective, start, method="Nelder-Mead", options=options)
-        return float(found.fun), found.x
-
-    starts = [np.zeros(k)] + [min((d * size for d in directions), key=rough) for size in _SCAN_DISTANCES]
-    best = min((descend(rough, start) for start in starts), key=lambda pair: pair[0])[1]
-    least, found = descend(on_sample, best)
-    return found, least / max(on_sample(np.zeros(k)), _TINY)
-
-
 def _try(
     here: Setting, method: str, vector: FloatArray, on_sample: Objective, before: tuple[float, float]
 ) -> tuple[Positions, Correction]:
@@ -170,9 +123,11 @@ def correct(here: Setting, method: str) -> tuple[Positions, Correction]:
     """
     before = here.distortion(here.positions)
     sample = _sampled(len(here.mesh.faces))
-    on_sample = _angle_objective(here, sample)
+    whole = sample_angles(here.mesh, here.space, here.family, here.positions, sample)
+    on_sample = whole.error
     if method != "area":
-        vector, ratio = _least_angle(here, sample, on_sample)
+        vector = least_angle(here.mesh, here.space, here.positions, sample, whole)
+        ratio = on_sample(vector) / max(on_sample(np.zeros(len(vector))), _TINY)
         if method == "angle" or ratio < _PROMISING:
             moved, correction = _try(here, "angle", vector, on_sample, before)
             if method == "angle" or correction.angle_mean_after_deg < _WORTH * correction.angle_mean_before_deg:

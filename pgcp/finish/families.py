@@ -10,7 +10,17 @@ from typing import Protocol
 import numpy as np
 
 from pgcp.finish.least_area import AreaSample, least_area_bend, least_area_boost, least_area_shift
-from pgcp.plane.mobius import are_apart, bend_plane, boost, in_ball, shift_disk
+from pgcp.plane.mobius import (
+    are_apart,
+    ball_slope,
+    bend_plane,
+    bend_slope,
+    boost,
+    boost_slope,
+    in_ball,
+    shift_disk,
+    shift_slope,
+)
 from pgcp.types import ComplexArray, FloatArray, IntArray, Positions
 
 
@@ -21,6 +31,10 @@ class Family(Protocol):
 
     def moved(self, positions: Positions, v: FloatArray) -> Positions:
         """Positions after the map of a vector."""
+        ...
+
+    def pulled(self, positions: Positions, moved: Positions, v: FloatArray, slope: FloatArray) -> FloatArray:
+        """Gradient (k,) with respect to v of what has the gradient slope (n, 3) with respect to the moved points."""
         ...
 
     def least_area(self, centres: Positions, sample: AreaSample) -> FloatArray:
@@ -49,6 +63,10 @@ class Bends:
         """See Family."""
         return bend_plane((positions - self._middle) / self._radius, complex(*in_ball(v)))
 
+    def pulled(self, positions: ComplexArray, moved: ComplexArray, v: FloatArray, slope: FloatArray) -> FloatArray:
+        """See Family."""
+        return bend_slope((positions - self._middle) / self._radius, complex(*in_ball(v)), slope) @ ball_slope(v)
+
     def least_area(self, centres: ComplexArray, sample: AreaSample) -> FloatArray:
         """See Family."""
         found = least_area_bend((centres - self._middle) / self._radius, sample)
@@ -71,6 +89,10 @@ class Shifts:
     def moved(self, positions: ComplexArray, v: FloatArray) -> ComplexArray:
         """See Family."""
         return shift_disk(positions, complex(*in_ball(v)))
+
+    def pulled(self, positions: ComplexArray, moved: ComplexArray, v: FloatArray, slope: FloatArray) -> FloatArray:
+        """See Family."""
+        return shift_slope(positions, complex(*in_ball(v)), slope) @ ball_slope(v)
 
     def least_area(self, centres: ComplexArray, sample: AreaSample) -> FloatArray:
         """See Family."""
@@ -95,6 +117,10 @@ class Boosts:
     def moved(self, positions: FloatArray, v: FloatArray) -> FloatArray:
         """See Family."""
         return boost(positions, in_ball(v))
+
+    def pulled(self, positions: FloatArray, moved: FloatArray, v: FloatArray, slope: FloatArray) -> FloatArray:
+        """See Family."""
+        return boost_slope(positions, moved, in_ball(v), slope) @ ball_slope(v)
 
     def least_area(self, centres: FloatArray, sample: AreaSample) -> FloatArray:
         """See Family."""

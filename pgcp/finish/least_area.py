@@ -6,9 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from pgcp.finish.descent import descend
 from pgcp.types import ComplexArray, FloatArray
 
 _SMOOTH = 1e-2
+_STEPS = 200
+_LONGEST_STEP = 1.0
+_GAIN = 1e-12
 
 
 def _log_of_sum(logs: FloatArray) -> float:
@@ -73,10 +77,8 @@ def _least_area(sample: AreaSample, growth: Callable[[FloatArray], tuple[FloatAr
         value, gradient = sample.distortion(factor, slope)
         return value, gradient @ jacobian
 
-    from scipy.optimize import minimize
-
-    found = minimize(objective, np.zeros(k), jac=True, method="BFGS", options={"gtol": 1e-7, "maxiter": 200})
-    return _pulled_in(found.x)[0]
+    _, found = descend(objective, np.zeros(k), _LONGEST_STEP, _STEPS, _GAIN)
+    return _pulled_in(found)[0]
 
 
 def least_area_shift(z: ComplexArray, sample: AreaSample) -> complex:

@@ -14,6 +14,7 @@ _STEPS = 200
 _LONGEST_STEP = 0.8
 _BALANCED = 1e-12
 _CLOSEST = 1e-14
+_STRAIGHT = 1e-6
 
 
 def sphere_points(p: ComplexArray, q: ComplexArray) -> FloatArray:
@@ -56,6 +57,15 @@ def in_ball(v: FloatArray) -> FloatArray:
     return v * (np.tanh(size) / size) if size > 0 else v
 
 
+def ball_slope(v: FloatArray) -> FloatArray:
+    """Jacobian (k, k) of ``in_ball``."""
+    size = float(np.linalg.norm(v))
+    if size < _STRAIGHT:
+        return np.eye(len(v))
+    unit, reach = v / size, np.tanh(size)
+    return (reach / size) * np.eye(len(v)) + (1.0 - reach**2 - reach / size) * np.outer(unit, unit)
+
+
 def boost(points: FloatArray, b: FloatArray) -> FloatArray:
     """Move unit vectors (n, 3) by the Moebius map of the ball that takes 0 to b, |b| < 1: points drift towards b."""
     along = points @ b
@@ -63,6 +73,15 @@ def boost(points: FloatArray, b: FloatArray) -> FloatArray:
     moved = (1.0 - square) * points + (2.0 + 2.0 * along)[:, None] * b
     moved /= np.sqrt(np.einsum("ij,ij->i", moved, moved))[:, None]
     return moved
+
+
+def boost_slope(points: FloatArray, moved: FloatArray, b: FloatArray, slope: FloatArray) -> FloatArray:
+    """Gradient (3,) with respect to b of what has the gradient slope (n, 3) with respect to ``boost`` of points, moved."""
+    along, square = points @ b, float(b @ b)
+    size = 1.0 + 2.0 * along + square
+    inwards, across, lost = slope @ b, np.einsum("ij,ij->i", slope, points), np.einsum("ij,ij->i", slope, moved)
+    on_points, on_b = (2.0 * inwards - 2.0 * lost) / size, (-2.0 * across - 2.0 * lost) / size
+    return np.asarray(on_points @ points + on_b.sum() * b + (2.0 * (1.0 + along) / size) @ slope, np.float64)
 
 
 def boost_matrix(b: FloatArray) -> ComplexArray:
@@ -124,6 +143,19 @@ def shift_disk(z: ComplexArray, alpha: complex) -> ComplexArray:
     return (z - alpha) / (1.0 - np.conj(alpha) * z)
 
 
+def _real_slope(by: ComplexArray, by_conjugate: ComplexArray | float, slope: FloatArray) -> FloatArray:
+    """Gradient (2,) with respect to a complex parameter from derivatives by it and its conjugate; slope (n, 2 or more)."""
+    pull = slope[:, 0] - 1j * slope[:, 1]
+    by_itself, by_other = (pull * by).sum(), (pull * by_conjugate).sum()
+    return np.array([(by_itself + by_other).real, (by_other - by_itself).imag])
+
+
+def shift_slope(z: ComplexArray, alpha: complex, slope: FloatArray) -> FloatArray:
+    """Gradient (2,) with respect to alpha of what has the gradient slope (n, 2 or more) with respect to ``shift_disk`` of z."""
+    below = 1.0 / (1.0 - np.conj(alpha) * z)
+    return _real_slope(-below, z * (z - alpha) * below**2, slope)
+
+
 def are_apart(z: ComplexArray, boundary: IntArray) -> bool:
     """Whether boundary points z[boundary] (B,) of a disk are far enough from their neighbours to be told apart."""
     return bool(np.abs(np.roll(z[boundary], -1) - z[boundary]).min() > _CLOSEST)
@@ -132,3 +164,8 @@ def are_apart(z: ComplexArray, boundary: IntArray) -> bool:
 def bend_plane(z: ComplexArray, beta: complex) -> ComplexArray:
     """Moebius map z / (1 - beta z): up to similarities every one whose pole is not 0 (PGCP eq. 6.2)."""
     return z / (1.0 - beta * z)
+
+
+def bend_slope(z: ComplexArray, beta: complex, slope: FloatArray) -> FloatArray:
+    """Gradient (2,) with respect to beta of what has the gradient slope (n, 2 or more) with respect to ``bend_plane`` of z."""
+    return _real_slope((z / (1.0 - beta * z)) ** 2, 0.0, slope)

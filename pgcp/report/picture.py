@@ -192,6 +192,13 @@ def _panels(result: Parameterization, pool: ThreadPoolExecutor) -> list[Future[I
 
 def draw(result: Parameterization) -> bytes:
     """PNG bytes of the picture."""
+    out = io.BytesIO()
+    drawn_sheet(result).save(out, "png", compress_level=4)
+    return out.getvalue()
+
+
+def drawn_sheet(result: Parameterization) -> Image.Image:
+    """The picture: all panels side by side under the mesh's name."""
     with ThreadPoolExecutor(2) as pool:
         panels = [panel.result() for panel in _panels(result, pool)]
     sheet = Image.new("RGB", (_WIDTH * len(panels), _TITLE + _HEIGHT), "white")
@@ -200,6 +207,4 @@ def draw(result: Parameterization) -> bytes:
     centred(ImageDraw.Draw(sheet), place, f"{result.mesh.name}{mark}", 36, room, RED if mark else INK)
     for k, panel in enumerate(panels):
         sheet.paste(panel, (_WIDTH * k, _TITLE))
-    out = io.BytesIO()
-    sheet.reduce(2).save(out, "png", compress_level=4)
-    return out.getvalue()
+    return sheet.reduce(2)

@@ -35,38 +35,6 @@ def corner_angles(vertices: FloatArray, faces: np.ndarray) -> FloatArray:
     return out
 
 
-@numba.njit(cache=True, nogil=True)
-def _corner(points: FloatArray, a: int, b: int, c: int) -> tuple[float, float]:
-    """Length of the cross product and dot product of the edges a -> b and a -> c; points (V, 2) or (V, 3)."""
-    ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
-    vx, vy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
-    if points.shape[1] == 2:
-        return abs(ux * vy - uy * vx), ux * vx + uy * vy
-    uz, vz = points[b, 2] - points[a, 2], points[c, 2] - points[a, 2]
-    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    return np.sqrt(nx * nx + ny * ny + nz * nz), ux * vx + uy * vy + uz * vz
-
-
-@numba.njit(cache=True, nogil=True)
-def mean_turned_error(points: FloatArray, faces: IntArray, surface: FloatArray, on_sphere: bool) -> float:
-    """Mean |angle in the image - angle on the surface|, radians; angles of a face that is turned over count as negative.
-
-    points (V, 2) in the plane, or (V, 3) ``on_sphere``, where faces look outwards; surface (F, 3) angles.
-    """
-    total = 0.0
-    for f in range(faces.shape[0]):
-        a, b, c = points[faces[f, 0]], points[faces[f, 1]], points[faces[f, 2]]
-        side = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-        if on_sphere:
-            ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-            vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-            side = (uy * vz - uz * vy) * a[0] + (uz * vx - ux * vz) * a[1] + (ux * vy - uy * vx) * a[2]
-        for i in range(3):
-            across, along = _corner(points, faces[f, i], faces[f, (i + 1) % 3], faces[f, (i + 2) % 3])
-            total += abs(np.sign(side) * np.arctan2(across, along) - surface[f, i])
-    return total / (3 * faces.shape[0])
-
-
 @numba.njit(cache=True, inline="always")
 def _products(ux: float, uy: float, uz: float, vx: float, vy: float, vz: float) -> tuple[float, float]:
     """Length of the cross product and dot product of two edges."""
