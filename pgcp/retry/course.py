@@ -20,7 +20,7 @@ from pgcp.plane.space import find_folds
 from pgcp.plane.unfold import unfolded
 from pgcp.retry.decide import Tried, next_attempt
 from pgcp.retry.finished import EMBED, Finished, are_few, finish, local_repairs, repaired_at_last, surroundings, target_of
-from pgcp.retry.polar import may_be_solved_in_logarithms, mean_error, solved_in_logarithms
+from pgcp.retry.polar import free_of, may_be_solved_in_logarithms, mean_error, solved_in_logarithms
 from pgcp.targets.registry import TARGETS
 from pgcp.types import ComplexArray, IntArray
 
@@ -237,7 +237,7 @@ def _freest(run: Run, method: Method, done: Finished) -> Finished:
         return done
     if found.folds > done.folds or (found.folds == done.folds and mean_error(run, found) >= error):
         return done
-    return replace(found, mapped=replace(found.mapped, target=run.target), correction=None)
+    return free_of(run, found)
 
 
 def _free_or_other(run: Run, method: Method, done: Finished, tried: tuple[Tried, ...]) -> Outcome:
