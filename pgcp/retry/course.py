@@ -20,11 +20,12 @@ from pgcp.plane.space import find_folds
 from pgcp.plane.unfold import unfolded
 from pgcp.retry.decide import Tried, next_attempt
 from pgcp.retry.finished import EMBED, Finished, are_few, finish, local_repairs, repaired_at_last, surroundings, target_of
-from pgcp.retry.polar import may_be_solved_in_logarithms, mean_error, solved_in_logarithms
+from pgcp.retry.polar import free_of, may_be_solved_in_logarithms, mean_error, solved_in_logarithms
 from pgcp.targets.registry import TARGETS
 from pgcp.types import ComplexArray, IntArray
 
 _LISTED = 10
+_BEYOND_WELDS = 75.0  # log of a range of scales that no weld keeps: digits for half of it from either end
 _WRONG_DEG = 20.0  # mean angle error from which on a map without folds is not taken before others are tried
 _LARGE_DEG = 8.0  # mean angle error from which on a map is compared with the one solved in logarithms
 _GOOD_DEG = 2.0  # mean angle error up to which a free map is not compared with another
@@ -117,6 +118,8 @@ def _best(run: Run, method: Method) -> tuple[Finished, tuple[Tried, ...]]:
                 return other, _told(history)
             if other is not None and (best is not None or other.folds == 0):
                 best = min(best or other, other, key=_by_folds)
+            if other is not None and other.mapped.details["logarithms"]["range"] > _BEYOND_WELDS:
+                break
     if best is None and not looked:
         best = _in_logarithms(run, method, splits)
     splits.discard()
@@ -242,7 +245,7 @@ def _freest(run: Run, method: Method, done: Finished) -> Finished:
         return done
     if found.folds > done.folds or (found.folds == done.folds and mean_error(run, found) >= error):
         return done
-    return replace(found, mapped=replace(found.mapped, target=run.target), correction=None)
+    return free_of(run, found)
 
 
 def _free_or_other(run: Run, method: Method, done: Finished, tried: tuple[Tried, ...]) -> Outcome:

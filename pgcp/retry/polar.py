@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pgcp.errors import CrowdedError, SolveFailedError
@@ -12,8 +14,9 @@ from pgcp.patches.run import Run
 from pgcp.patches.stored import Parts
 from pgcp.patches.types import SeamPositions
 from pgcp.plane.space import map_coefficients
-from pgcp.retry.finished import EMBED, Finished, finish
+from pgcp.retry.finished import EMBED, Finished, finish, target_of
 from pgcp.surface.distortion import angle_errors
+from pgcp.targets.registry import TARGETS
 from pgcp.types import FloatArray, Positions
 
 _MOST_VERTICES = 400_000  # one process holds the whole mesh's factor
@@ -38,7 +41,15 @@ def solved_in_logarithms(run: Run, method: Method, parts: Parts, positive: bool 
         details = {"logarithms": {"range": float(np.ptp(finite)), "positive_weights": positive}}
         none = np.empty(0, np.int64)
         mu = map_coefficients(space, mesh, mesh.faces, points)
-    return finish(run, method, Mapped(parts, run.target, points, mu, SeamPositions(none, points[none]), [], None, details))
+    asked = target_of(run.target)
+    goal = TARGETS.get(asked.gives_way_to) if asked.has_free_boundary and asked.gives_way_to else asked
+    done = finish(run, method, Mapped(parts, goal, points, mu, SeamPositions(none, points[none]), [], None, details))
+    return done if goal is asked else free_of(run, done)
+
+
+def free_of(run: Run, done: Finished) -> Finished:
+    """A map to another target as the free map: with its correction, which is not one of the free map."""
+    return replace(done, mapped=replace(done.mapped, target=run.target), correction=None)
 
 
 def mean_error(run: Run, done: Finished) -> float:
