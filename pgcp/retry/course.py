@@ -16,7 +16,17 @@ from pgcp.patches.stored import Parts, discard, store_parts
 from pgcp.patches.types import SeamPositions
 from pgcp.plane.curves import crossings
 from pgcp.retry.decide import Tried, next_attempt
-from pgcp.retry.finished import EMBED, Finished, are_few, finish, local_repairs, repaired_at_last, surroundings, target_of
+from pgcp.retry.finished import (
+    EMBED,
+    Finished,
+    are_few,
+    finish,
+    local_repairs,
+    polished,
+    repaired_at_last,
+    surroundings,
+    target_of,
+)
 from pgcp.targets.registry import TARGETS
 from pgcp.types import ComplexArray, IntArray
 
@@ -94,7 +104,7 @@ def _best(run: Run, method: Method) -> tuple[Finished, tuple[Tried, ...]]:
             continue
         done = finish(run, method, found)
         if done.folds == 0 or method.to_target is None:
-            return repaired_at_last(run, done), _told(history)
+            return polished(run, method, repaired_at_last(run, done)), _told(history)
         best = min(best or done, done, key=lambda d: (d.folds, d.repaired.folds_before))
         reason = f"{done.repaired.folds_before} folds, {done.folds} of them left after repair"
         history.append(Tried(attempt, found.route, reason, done.folds))
@@ -104,7 +114,7 @@ def _best(run: Run, method: Method) -> tuple[Finished, tuple[Tried, ...]]:
         raise _NothingError(
             _told(history), problem or WeldFailedError(f"every map had folds, {best.folds if best else 0} and more")
         )
-    return repaired_at_last(run, best), _told(history)
+    return polished(run, method, repaired_at_last(run, best)), _told(history)
 
 
 class _NothingError(Exception):
@@ -128,7 +138,7 @@ def _overlap(z: ComplexArray, boundary: IntArray) -> dict[str, Any]:
     return {"crossings": len(found), "edges": edges}
 
 
-def _embedded(run: Run, tried: tuple[Tried, ...], reason: str) -> Outcome:
+def _embedded(run: Run, method: Method, tried: tuple[Tried, ...], reason: str) -> Outcome:
     """The whole mesh embedded at once, without welds: free of folds, but hardly conformal."""
     target = TARGETS.get(target_of(run.target).gives_way_to or run.target.name)
     here = surroundings(run, target)
@@ -139,7 +149,7 @@ def _embedded(run: Run, tried: tuple[Tried, ...], reason: str) -> Outcome:
     none = np.empty(0, np.int64)
     nowhere = SeamPositions(none, repaired.points[none])
     mapped = Mapped(parts, target, repaired.points, np.zeros(len(everything), np.complex128), nowhere, [])
-    done = Finished(mapped, replace(repaired, touched=everything))
+    done = polished(run, method, Finished(mapped, replace(repaired, touched=everything)))
     return Outcome(done, tried, None, {"from": run.target.name, "to": f"{target.name} (embedding)", "reason": reason})
 
 
@@ -156,7 +166,7 @@ def map_mesh(run: Run, method: Method) -> Outcome:
     except _NothingError as nothing:
         if EMBED not in run.options.repairs or method.to_target is None or not isinstance(nothing.problem, FAILURES):
             raise nothing.problem from None
-        return _embedded(run, nothing.tried, str(nothing.problem))
+        return _embedded(run, method, nothing.tried, str(nothing.problem))
     is_free = target_of(run.target).has_free_boundary
     outcome = _free_or_other(run, method, done, tried) if is_free else Outcome(done, tried)
     if run.options.seams == "exact" and outcome.fallback is None and outcome.done.mapped.seams_by != "exact":
@@ -175,9 +185,9 @@ def _free_or_other(run: Run, method: Method, done: Finished, tried: tuple[Tried,
     reason = f"the boundary crosses itself {overlap['crossings']} times" if unwanted else f"{done.folds} folds are left"
     elsewhere = replace(run, target=TARGETS.get(other))
     try:
-        found = repaired_at_last(run, finish(run, method, method.to_target(elsewhere, done.mapped)))
+        found = polished(run, method, repaired_at_last(run, finish(run, method, method.to_target(elsewhere, done.mapped))))
     except NumericalError as problem:
         if unwanted and not done.folds:
             raise
-        return _embedded(run, tried, f"{reason}, and to the {other} {problem}")
+        return _embedded(run, method, tried, f"{reason}, and to the {other} {problem}")
     return Outcome(found, tried, None, {"from": run.target.name, "to": other, "reason": reason})

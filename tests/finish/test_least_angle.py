@@ -60,7 +60,7 @@ def test_the_least_error_is_the_optimum(target):
             simplex = np.vstack([here, here + size * np.eye(k)])
             options = {"initial_simplex": simplex, "xatol": 1e-9, "fatol": 1e-13, "maxiter": 400}
             found = minimize(sample.error, here, method="Nelder-Mead", options=options)
-            start, least = found.x, min(least, found.fun)
+            here, least = found.x, min(least, found.fun)
     assert sample.error(v) < 0.9 * sample.error(np.zeros(k))
     assert sample.error(v) <= least * (1 + 1e-6)
 
