@@ -11,7 +11,7 @@ from pgcp.cli.usage import Parser
 from pgcp.errors import InputError
 from pgcp.io.formats import DEFAULT_OUTPUTS, outputs, readable, suffixes_of, writable
 from pgcp.methods.registry import METHODS
-from pgcp.options import AUTO, BACKENDS, FLATTENERS, METHOD, MOEBIUS, REPAIRS, SEAMS, UPS, UVS, Options, Running
+from pgcp.options import AUTO, BACKENDS, FLATTENERS, METHOD, MOEBIUS, POLISHES, REPAIRS, SEAMS, UPS, UVS, Options, Running
 from pgcp.parallel import processor_count
 from pgcp.runtime.executors import EXECUTORS, may_have_workers
 from pgcp.targets.registry import TARGETS
@@ -65,6 +65,9 @@ def _map_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--centre", type=int, metavar="VERTEX", help="vertex at the disk's centre or the sphere's north pole")
     group.add_argument(
         "--moebius", choices=MOEBIUS, default="auto", help="correct the finished map for least area or angle distortion"
+    )
+    group.add_argument(
+        "--polish", choices=POLISHES, default="none", help="lower the angle errors of the finished map; auto: where it is quick"
     )
     group.add_argument(
         "--no-overlap", action="store_true", help="where a free map overlaps itself, map to the disk instead, and say so"
@@ -217,6 +220,7 @@ def options_of(arguments: argparse.Namespace) -> Options:
         target=arguments.target,
         centre=arguments.centre,
         moebius=arguments.moebius,
+        polish=arguments.polish,
         cuts=arguments.cuts,
         repair_cuts=arguments.repair_cuts,
         method=arguments.method,

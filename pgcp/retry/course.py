@@ -19,7 +19,17 @@ from pgcp.plane.curves import crossings
 from pgcp.plane.space import find_folds
 from pgcp.plane.unfold import unfolded
 from pgcp.retry.decide import Tried, next_attempt
-from pgcp.retry.finished import EMBED, Finished, are_few, finish, local_repairs, repaired_at_last, surroundings, target_of
+from pgcp.retry.finished import (
+    EMBED,
+    Finished,
+    are_few,
+    finish,
+    local_repairs,
+    polished,
+    repaired_at_last,
+    surroundings,
+    target_of,
+)
 from pgcp.retry.polar import free_of, may_be_solved_in_logarithms, mean_error, solved_in_logarithms
 from pgcp.targets.registry import TARGETS
 from pgcp.types import ComplexArray, IntArray
@@ -197,6 +207,12 @@ def _embedded(run: Run, method: Method, tried: tuple[Tried, ...], reason: str) -
 
 
 def map_mesh(run: Run, method: Method) -> Outcome:
+    """The polished map of a mesh; see ``_mapped``."""
+    outcome = _mapped(run, method)
+    return replace(outcome, done=polished(run, method, outcome.done))
+
+
+def _mapped(run: Run, method: Method) -> Outcome:
     """Map a mesh to its target.
 
     A free map that is left with folds, or with overlaps where none are wanted, gives way to the map to the disk from the
