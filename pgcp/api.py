@@ -105,6 +105,7 @@ def parameterize(
     target: str = AUTO,
     centre: int | None = None,
     moebius: str = AUTO,
+    polish: str = "none",
     cuts: str | Path | None = None,
     repair_cuts: bool = False,
     method: str = METHOD,
@@ -141,7 +142,7 @@ def parameterize(
     as_given = partial(cast, Any)  # options are made of the type they have where they are checked
     options = Options(
         patches, target, centre, moebius, as_given(cuts), repair_cuts, method, flatten, seams, backend, seed, repairs,
-        no_overlap, fix,
+        no_overlap, fix, polish,
     )  # fmt: skip
     running = Running(
         workers, scheduler, as_given(scheduler_file), executor, as_given(store), factor_cache_bytes, memory_limit_bytes, resume,

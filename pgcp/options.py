@@ -22,6 +22,8 @@ Kind = TypeVar("Kind", bound=type)
 AUTO = "auto"
 METHOD = "pgcp"
 MOEBIUS = (AUTO, "none", "area", "angle")
+UVS, UPS = ("unit", "surface"), ("auto", "x", "y", "z")  # texture coordinates, and what is up on the texture
+POLISHES = (AUTO, "none", "angles")
 REPAIRS = ("relax", "compose", "average", "untangle", "embed")
 FLATTENERS = ("dncp", "scp")
 BACKENDS = ("nested", "pardiso", "superlu")
@@ -126,7 +128,8 @@ class Options:
     cuts: a file of cut edges; repair_cuts: mend parts that are no disks; method: name of a method; flatten: how patches are
     flattened; seams: weld, relax (welded boundary held, seams solved) or exact (no weld); backend: auto, nested,
     pardiso or superlu; seed: of the partition; repairs: which tiers may take folds away; no_overlap: where a free map overlaps
-    itself, map to the disk instead; fix: repair the topology of a mesh that the target does not fit.
+    itself, map to the disk instead; fix: repair the topology of a mesh that the target does not fit;
+    polish: none, angles, or auto for where it is quick and the map is not asked for as it is.
     """
 
     patches: int | None = None
@@ -143,6 +146,7 @@ class Options:
     repairs: tuple[str, ...] = REPAIRS
     no_overlap: bool = False
     fix: bool = False
+    polish: str = "none"
 
     def __post_init__(self) -> None:
         _check_types(self)
@@ -151,6 +155,7 @@ class Options:
         if self.centre is not None and self.centre < 0:
             raise InputError(f"centre is vertex {self.centre}, it must be 0 or more")
         _one_of("Moebius correction", self.moebius, MOEBIUS)
+        _one_of("polish", self.polish, POLISHES)
         _one_of("flattening", self.flatten, FLATTENERS)
         _one_of("treatment of seams", self.seams, SEAMS)
         for name in self.repairs:

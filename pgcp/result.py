@@ -13,13 +13,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgcp.errors import BadFileError, InputError
+from pgcp.finish.unit_square import in_unit_square, on_the_globe
 from pgcp.io.files import replacing
+from pgcp.options import UVS
 from pgcp.parallel import in_slices
 from pgcp.plane.locate import Locator, Places
 from pgcp.surface.distortion import angle_errors, log_area_ratios
 from pgcp.surface.operators import face_areas
 from pgcp.targets.registry import TARGETS
-from pgcp.types import FloatArray, IntArray, Mesh, Parameterization, Quality
+from pgcp.types import FloatArray, IntArray, Layout, Mesh, Parameterization, Quality
 
 if TYPE_CHECKING:
     import pyvista
@@ -124,6 +126,33 @@ class Result(Parameterization):
                 raise InputError(f"point {int(np.flatnonzero(length == 0.0)[0])} is the centre of the sphere, in no direction")
             wanted = wanted / length
         return self._locator.find(wanted, self.mesh.vertices)
+
+    def layout(self, uv: str = "unit", up: str = "auto") -> Layout | None:
+        """Texture coordinates: ``unit``, upright in [0, 1]^2, or longitude and latitude of the sphere; of ``surface`` None.
+
+        ``surface`` stands for the map's own coordinates. up: the surface's axis that is up on the texture, x, y, z or auto.
+        Raises InputError for other words.
+        """
+        if uv not in UVS:
+            raise InputError(f"unknown texture coordinates {uv!r}; choose from {', '.join(UVS)}")
+        lay = on_the_globe if self._closed else in_unit_square
+        return lay(self.mesh, self.coordinates, up) if uv == UVS[0] else None
+
+    def texture(self, image: Any = "checker", up: str = "auto") -> trimesh.Trimesh:
+        """The surface as a ``trimesh.Trimesh`` with a picture on it, by the layout ``unit``.
+
+        image: a path, an array (height, width, 3) uint8, a Pillow image, or "checker". Where the sphere's texture is cut,
+        vertices are repeated at the end. Raises InputError where there is no picture.
+        """
+        import trimesh
+
+        from pgcp.report.texture import as_picture
+
+        layout = self.layout("unit", up)
+        assert layout is not None
+        vertices = np.concatenate([self.mesh.vertices, self.mesh.vertices[layout.copies]])
+        visual = trimesh.visual.TextureVisuals(uv=layout.points, image=as_picture(image))
+        return trimesh.Trimesh(vertices, layout.faces, visual=visual, process=False)
 
     def to_trimesh(self) -> trimesh.Trimesh:
         """The surface as a ``trimesh.Trimesh`` in the same order.

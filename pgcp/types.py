@@ -106,3 +106,17 @@ class Parameterization:
     vertex_of: IntArray | None = None
     face_of: IntArray | None = None
     coordinates_name: str = "uv"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """Where a map lies on a texture: points (T, 2), and which of them the corners of faces (F, 3) have.
+
+    The first V points are those of the vertices; further ones are the other sides of cuts, at the vertices ``copies`` (T - V,).
+    record: what report.json says of it.
+    """
+
+    points: FloatArray
+    faces: IntArray
+    copies: IntArray
+    record: dict[str, Any]

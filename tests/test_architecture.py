@@ -21,11 +21,11 @@ ROOMS = {  # what each room may import beside itself and the ground
     "runtime": {"io"},
     "patches": {"partition", "runtime", "elimination", "plane", "surface"},
     "interface": {"patches", "runtime", "elimination", "plane", "surface"},
-    "finish": {"patches", "plane", "surface"},
+    "finish": {"patches", "elimination", "plane", "surface"},
     "methods": {"interface", "patches", "runtime", "elimination", "plane", "surface", "intake"},
     "targets": {"interface", "finish", "patches", "plane", "surface"},
     "retry": {"methods", "targets", "finish", "folds", "patches", "plane", "surface"},
-    "report": {"retry", "targets", "patches", "plane", "surface"},
+    "report": {"retry", "targets", "finish", "patches", "plane", "surface"},
     "partition": set(),
 }
 TOP = {"pipeline", "api", "result", "cli", "__init__", "__main__"}

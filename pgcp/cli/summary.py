@@ -80,7 +80,7 @@ def _notes(report: dict[str, Any]) -> str:
     return "".join(f"  {line}\n" for line in lines)
 
 
-def summary(result: Parameterization, seconds: float, directory: Path) -> str:
+def summary(result: Parameterization, seconds: float, where: str) -> str:
     """What the command says of a finished map."""
     q = result.quality
     stages = ", ".join(f"{s['name']} {s['seconds']:.2f}" for s in result.report["stages"])
@@ -93,7 +93,7 @@ def summary(result: Parameterization, seconds: float, directory: Path) -> str:
         f"  |angle error| mean {q.angle_mean_deg:.4f}, sd {q.angle_sd_deg:.4f}, max {q.angle_max_deg:.2f} degrees; "
         f"folds {q.folds}{'' if q.degree is None else f', degree {q.degree:.0f}'}\n"
         f"{_notes(result.report)}"
-        f"  results in {directory}"
+        f"  results in {where}"
     )
 
 

@@ -93,7 +93,7 @@ def _factor(
 
 
 @numba.njit(cache=True, nogil=True)
-def _forward(factor: FloatArray, first: IntArray, starts: IntArray, others: IntArray, x: FloatArray) -> None:
+def substitute_forward(factor: FloatArray, first: IntArray, starts: IntArray, others: IntArray, x: FloatArray) -> None:
     """Solve U^T y = x in place for the eliminated positions, x (2, n); kept positions get what is left of the load there."""
     row = 0
     for k in range(starts.shape[0] - 1):
@@ -119,7 +119,7 @@ def _forward(factor: FloatArray, first: IntArray, starts: IntArray, others: IntA
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
-def _backward(factor: FloatArray, first: IntArray, starts: IntArray, others: IntArray, x: FloatArray) -> None:
+def substitute_back(factor: FloatArray, first: IntArray, starts: IntArray, others: IntArray, x: FloatArray) -> None:
     """Solve U u = x in place for the eliminated positions, x (2, n), kept positions given."""
     row = factor.shape[0]
     for k in range(starts.shape[0] - 2, -1, -1):
@@ -237,8 +237,8 @@ class NestedSolver:
         """Discrete harmonic extension; see DirichletFactor."""
         e = self._elimination
         x = _load_of(e.faces, e.weights, e.position, _apart(boundary_values), int(e.first[-1]))
-        _forward(e.factor, e.first, e.starts, e.others, x)
-        _backward(e.factor, e.first, e.starts, e.others, x)
+        substitute_forward(e.factor, e.first, e.starts, e.others, x)
+        substitute_back(e.factor, e.first, e.starts, e.others, x)
         solved = np.concatenate([_together(x), boundary_values])
         out: ComplexArray = solved[e.position]
         return out
@@ -289,12 +289,12 @@ class NestedFactor:
     def _reduced(self, load: ComplexArray) -> FloatArray:
         x = np.empty((2, len(load)))
         x[:, self._position] = _apart(load)
-        _forward(self._factor, self._first, self._starts, self._others, x)
+        substitute_forward(self._factor, self._first, self._starts, self._others, x)
         return x
 
     def _solved(self, x: FloatArray, boundary_values: ComplexArray) -> ComplexArray:
         x[:, self._first[-1] :] = _apart(boundary_values)
-        _backward(self._factor, self._first, self._starts, self._others, x)
+        substitute_back(self._factor, self._first, self._starts, self._others, x)
         out: ComplexArray = _together(x)[self._position]
         out[self._kept] = boundary_values
         return out

@@ -28,6 +28,7 @@ def _realizer(faces: IntArray, twins: IntArray, first: IntArray, lid: int) -> tu
     outer cycle one vertex without chords is taken after the other: what it is joined to on either side are its first and second
     parent, and it is the third one of those that then come to the outer cycle.
     """
+    # long: one compiled loop, whose steps share the outer cycle
     n = first.shape[0]
     one, two, three = faces[lid, 0], faces[lid, 2], faces[lid, 1]
     parent = np.full((n, 3), -1)

@@ -53,7 +53,7 @@ def far_ends(vertices: FloatArray, faces: IntArray, boundary: IntArray, laplacia
     none = np.zeros(len(held), np.complex128)
 
     def farthest(source: int) -> int:
-        """Where u is least for a source at one vertex."""
+        """Where u is least with a source at a vertex."""
         load = -share.astype(np.complex128)
         load[source] += share.sum()
         return _first_least(factor.solve(load, none).real)

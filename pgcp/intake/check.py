@@ -14,7 +14,8 @@ import numpy as np
 from pgcp.errors import DegenerateError, InputError, NotManifoldError, NotSimplyConnectedError
 from pgcp.intake.mend import Mended, mend
 from pgcp.parallel import beside
-from pgcp.surface.operators import face_areas, needed_mollification
+from pgcp.surface import plain
+from pgcp.surface.operators import looked_at_areas, needed_mollification
 from pgcp.surface.topology import Topology, examine
 from pgcp.types import FloatArray, IntArray, Mesh
 
@@ -54,7 +55,7 @@ def measure(mesh: Mesh) -> Geometry:
     """Move a mesh to the origin and scale it, and see what its faces are; raises DegenerateError where they are one point."""
     moved, unit = unit_mesh(mesh)
     bare = moved.bare
-    flat = int(np.count_nonzero(~(face_areas(bare.vertices, bare.faces) > 0.0)))
+    flat = int(np.count_nonzero(~(looked_at_areas(bare.vertices, bare.faces) > 0.0)))
     return Geometry(moved, unit, needed_mollification(moved.vertices, moved.faces), flat)
 
 
@@ -174,7 +175,8 @@ def unit_mesh(mesh: Mesh) -> tuple[Mesh, float]:
     largest = float(max(mesh.vertices.max(), -mesh.vertices.min()))
     exponent = int(np.frexp(largest)[1])
     points = np.ldexp(mesh.vertices, -exponent)
-    low, high = _extent(points, mesh.faces)
+    look = plain.extent if plain.is_few(mesh.faces, _extent) else _extent
+    low, high = look(points, mesh.faces)
     size = float((high - low).max())
     if not size > 0.0:
         raise DegenerateError(f"{mesh.name}: all faces have zero area")

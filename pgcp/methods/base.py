@@ -74,6 +74,7 @@ class Method:
     mapper: for one split of the mesh, a function from a route to a map; attempts: which attempts may be made, in order;
     options: the user's options with what the method means by them; moebius: the correction that ``auto`` means, None for the
     target's own; chooses_seams: whether ``seams`` is a choice;
+    is_polished: whether a polish is what ``auto`` means, where it is quick;
     to_target: the map to the run's target from a map to another, by the same welds; where there is none, no other map takes
     the place of one that fails or folds.
     """
@@ -88,4 +89,5 @@ class Method:
     options: Callable[[Options], Options] = unchanged
     moebius: str | None = None
     chooses_seams: bool = False
+    is_polished: bool = False
     to_target: Callable[[Run, Mapped], Mapped] | None = None

@@ -221,5 +221,6 @@ METHOD = Method(
     mapper=Welds,
     attempts=welds_and_exact,
     chooses_seams=True,
+    is_polished=True,
     to_target=to_target,
 )

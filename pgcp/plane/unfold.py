@@ -18,7 +18,9 @@ def _flat(vertices: FloatArray, face: IntArray, out: ComplexArray) -> None:
     vx, vy, vz = vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1], vertices[c, 2] - vertices[a, 2]
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     length = np.sqrt(ux * ux + uy * uy + uz * uz)
-    out[0], out[1] = 0.0, length
+    out[0], out[1], out[2] = 0.0, length, 0.0
+    if not length > 0.0:
+        return
     out[2] = complex(ux * vx + uy * vy + uz * vz, np.sqrt(nx * nx + ny * ny + nz * nz)) / length
 
 
@@ -53,7 +55,10 @@ def _laid_out(vertices: FloatArray, faces: IntArray, twins: IntArray, start: int
             size += 1
             _flat(vertices, faces[g], there)
             k = (j + 2) % 3
-            turned = turn[f] * (here[i] - here[(i + 1) % 3]) / (there[(j + 1) % 3] - there[j])
+            along = there[(j + 1) % 3] - there[j]
+            turned = turn[f] * (here[i] - here[(i + 1) % 3]) * np.conj(along)
+            if not abs(turned) > 0.0:  # a face without extent
+                return out, False
             turn[g] = turned / abs(turned)
             a, c = faces[g, j], faces[g, k]
             at = out[a] + turn[g] * (there[k] - there[j])
@@ -72,9 +77,12 @@ def unfolded(vertices: FloatArray, faces: IntArray, twins: IntArray) -> ComplexA
     are laid out ring by ring about the smallest one, whose first corner comes to 0: what is small keeps its digits. A surface
     that is not developable is left at the first vertex at which faces do not close to a billionth of their size.
     """
+    edges = vertices[faces] - vertices[np.roll(faces, -1, axis=1)]
+    squares = np.einsum("fij,fij->fi", edges, edges)
+    if not squares.all():  # an edge of no length has no direction to turn a face to
+        return None
     if not _laid_out(vertices, faces, twins, 0, _NEARLY_CLOSE)[1]:  # from there sizes may grow less well
         return None
-    edges = vertices[faces] - vertices[np.roll(faces, -1, axis=1)]
-    start = int(np.argmin(np.einsum("fij,fij->f", edges, edges)))
+    start = int(np.argmin(squares.sum(axis=1)))
     z, fits = _laid_out(vertices, faces, twins, start, _CLOSE)
     return z if fits and np.isfinite(z).all() else None

@@ -90,6 +90,7 @@ def run_report(
         "smallest_gap": mapped.seams.smallest_gap,
         "spread_points": mapped.seams.spread_count,
         "correction": asdict(done.correction) if done.correction is not None else None,
+        "polish": asdict(done.polish) if done.polish is not None else None,
         "repairs": [asdict(repair) for repair in done.repaired.records],
         "overlap": outcome.overlap,
         "fallback": outcome.fallback,

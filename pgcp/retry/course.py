@@ -19,7 +19,17 @@ from pgcp.plane.curves import crossings
 from pgcp.plane.space import find_folds
 from pgcp.plane.unfold import unfolded
 from pgcp.retry.decide import Tried, next_attempt
-from pgcp.retry.finished import EMBED, Finished, are_few, finish, local_repairs, repaired_at_last, surroundings, target_of
+from pgcp.retry.finished import (
+    EMBED,
+    Finished,
+    are_few,
+    finish,
+    local_repairs,
+    polished,
+    repaired_at_last,
+    surroundings,
+    target_of,
+)
 from pgcp.retry.polar import free_of, may_be_solved_in_logarithms, mean_error, solved_in_logarithms
 from pgcp.targets.registry import TARGETS
 from pgcp.types import ComplexArray, IntArray
@@ -27,6 +37,7 @@ from pgcp.types import ComplexArray, IntArray
 _LISTED = 10
 _BEYOND_WELDS = 75.0  # log of a range of scales that no weld keeps: digits for half of it from either end
 _WRONG_DEG = 20.0  # mean angle error from which on a map without folds is not taken before others are tried
+_LARGE_DEG = 8.0  # mean angle error from which on a map is compared with the one solved in logarithms
 _GOOD_DEG = 2.0  # mean angle error up to which a free map is not compared with another
 
 
@@ -88,6 +99,7 @@ def _best(run: Run, method: Method) -> tuple[Finished, tuple[Tried, ...]]:
     splits, choice = _Splits(run, method), _choice(run)
     history: list[Tried] = []
     best: Finished | None = None
+    looked = False  # for a map in logarithms
     problem: NumericalError | PartitionInputError | None = None
     while (attempt := next_attempt(method.attempts(choice), history)) is not None:
         try:
@@ -110,15 +122,16 @@ def _best(run: Run, method: Method) -> tuple[Finished, tuple[Tried, ...]]:
             best = min(best or done, done, key=_by_folds)
             reason = f"{done.repaired.folds_before} folds, {done.folds} of them left after repair"
             history.append(Tried(attempt, found.route, reason, done.folds))
-        if len(history) == 1 and splits.parts is not None and may_be_solved_in_logarithms(run, method):
-            done_in_logarithms = solved_in_logarithms(run, method, splits.parts)
-            if done_in_logarithms is not None:
-                if done_in_logarithms.folds == 0 and mean_error(run, done_in_logarithms) < _WRONG_DEG:
-                    return done_in_logarithms, _told(history)
-                if best is not None or done_in_logarithms.folds == 0:
-                    best = min(best or done_in_logarithms, done_in_logarithms, key=_by_folds)
-                if done_in_logarithms.mapped.details["logarithms"]["range"] > _BEYOND_WELDS:
-                    break
+        if not looked and (history[-1].crowded or best is not None):
+            looked, other = True, _in_logarithms(run, method, splits)
+            if other is not None and other.folds == 0 and mean_error(run, other) < _WRONG_DEG:
+                return other, _told(history)
+            if other is not None and (best is not None or other.folds == 0):
+                best = min(best or other, other, key=_by_folds)
+            if other is not None and other.mapped.details["logarithms"]["range"] > _BEYOND_WELDS:
+                break
+    if best is None and not looked:
+        best = _in_logarithms(run, method, splits)
     splits.discard()
     is_wrong = best is not None and not are_few(run, best.folds) and not target_of(run.target).has_free_boundary
     if best is None or (is_wrong and EMBED in run.options.repairs):
@@ -133,14 +146,19 @@ def _by_folds(done: Finished) -> tuple[int, int]:
     return done.folds, done.repaired.folds_before
 
 
+def _in_logarithms(run: Run, method: Method, splits: _Splits) -> Finished | None:
+    """The map solved in logarithms, None where there is none or it is not wanted."""
+    if splits.parts is None or not may_be_solved_in_logarithms(run, method):
+        return None
+    return solved_in_logarithms(run, method, splits.parts)
+
+
 def _compared(run: Run, method: Method, done: Finished, splits: _Splits) -> Finished:
     """A map without folds, or where its errors are large the one solved in logarithms if that has smaller ones."""
-    if done.folds or splits.parts is None or not may_be_solved_in_logarithms(run, method):
+    error = mean_error(run, done) if done.folds == 0 else 0.0
+    if error < _LARGE_DEG:
         return done
-    error = mean_error(run, done)
-    if error < _GOOD_DEG:
-        return done
-    other = solved_in_logarithms(run, method, splits.parts)
+    other = _in_logarithms(run, method, splits)
     return other if other is not None and other.folds == 0 and mean_error(run, other) < error else done
 
 
@@ -189,6 +207,12 @@ def _embedded(run: Run, method: Method, tried: tuple[Tried, ...], reason: str) -
 
 
 def map_mesh(run: Run, method: Method) -> Outcome:
+    """The polished map of a mesh; see ``_mapped``."""
+    outcome = _mapped(run, method)
+    return replace(outcome, done=polished(run, method, outcome.done))
+
+
+def _mapped(run: Run, method: Method) -> Outcome:
     """Map a mesh to its target.
 
     A free map that is left with folds, or with overlaps where none are wanted, gives way to the map to the disk from the

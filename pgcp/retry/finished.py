@@ -1,4 +1,4 @@
-"""One map after its correction and repair."""
+"""One map after its correction, repair and polish."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pgcp.finish.correct import Correction, Setting, correct
+from pgcp.finish.polish import BALANCED, LEAST_MEAN, Polish, is_quick, polish
 from pgcp.folds.repair import Repaired, Surroundings, repair_folds
 from pgcp.methods.base import Method
 from pgcp.options import AUTO
@@ -26,11 +27,12 @@ CROWDED = 20.0  # log of the range of scales from which on tips lose digits anyw
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Finished:
-    """One map after its correction and repair."""
+    """One map after its correction, repair and polish."""
 
     mapped: Mapped
     repaired: Repaired
     correction: Correction | None = None
+    polish: Polish | None = None
 
     @property
     def target(self) -> Target:
@@ -50,7 +52,7 @@ class Finished:
     @property
     def changed_faces(self) -> IntArray:
         """Faces whose image has changed since the patches were solved."""
-        moved = self.correction is not None and self.correction.share
+        moved = (self.correction is not None and self.correction.share) or (self.polish is not None and self.polish.steps)
         return np.arange(len(self.mapped.mu)) if moved else self.repaired.touched
 
 
@@ -115,3 +117,21 @@ def repaired_at_last(run: Run, done: Finished) -> Finished:
     touched = np.union1d(done.repaired.touched, last.touched)
     records = done.repaired.records + last.records
     return replace(done, repaired=replace(last, touched=touched, records=records, folds_before=done.repaired.folds_before))
+
+
+def polished(run: Run, method: Method, done: Finished) -> Finished:
+    """Polish a finished map where that is asked for; it has no more folds than before, and is repaired no more.
+
+    ``auto`` does so where it takes less time than the map, and where not that map itself is asked for: one by a method of
+    others, or one that is to be the same for any cuts.
+    """
+    options = run.options
+    is_wanted = method.is_polished and options.seams != "exact" and is_quick(run.mesh)
+    if options.polish == "none" or (options.polish == AUTO and not is_wanted):
+        return done
+    space = done.target.space
+    with run.clock.stage("polish"):
+        aim = BALANCED if options.polish == AUTO else LEAST_MEAN
+        points, record = polish(run.mesh, space, done.points, run.boundary, done.target.has_free_boundary, aim)
+        folds = len(find_folds(space, run.mesh.bare.faces, points)) if record.steps else done.folds
+    return replace(done, repaired=replace(done.repaired, points=points, folds=folds), polish=record)

@@ -15,7 +15,7 @@ from pgcp.patches.stored import Parts
 from pgcp.patches.types import SeamPositions
 from pgcp.plane.mobius import balancing_step, boost, shift_disk
 from pgcp.plane.space import map_coefficients
-from pgcp.retry.finished import CROWDED, Finished, finish, target_of
+from pgcp.retry.finished import CROWDED, EMBED, Finished, finish, target_of
 from pgcp.surface.distortion import angle_errors
 from pgcp.surface.operators import face_areas
 from pgcp.targets.registry import TARGETS
@@ -26,8 +26,9 @@ _MOST_VERTICES = 400_000  # one process holds the whole mesh's factor
 
 
 def may_be_solved_in_logarithms(run: Run, method: Method) -> bool:
-    """Whether such an attempt is wanted: where maps may take the place of others, seams are welded, and one process can."""
-    return method.to_target is not None and run.options.seams == "weld" and len(run.mesh.vertices) <= _MOST_VERTICES
+    """Whether such an attempt is wanted: where maps may take the place of others, and one process can."""
+    wanted = run.options.seams == "weld" and EMBED in run.options.repairs
+    return wanted and method.to_target is not None and len(run.mesh.vertices) <= _MOST_VERTICES
 
 
 def solved_in_logarithms(run: Run, method: Method, parts: Parts, positive: bool = False) -> Finished | None:

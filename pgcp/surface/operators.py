@@ -6,6 +6,7 @@ import numba
 import numpy as np
 from scipy.sparse import csr_array
 
+from pgcp.surface import plain
 from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 _SPARE = 1e-5
@@ -72,7 +73,8 @@ def needed_mollification(vertices: FloatArray, faces: IntArray) -> float:
     own edges are taken longer, as much as it takes to have 1e-5 of the longest to spare; other faces keep their shape. A face
     that is a point counts as one of the size returned, which is 1e-5 of the mean edge length.
     """
-    most, mean = _most_needed(vertices, faces)
+    few = plain.is_few(faces, _most_needed)
+    most, mean = plain.most_needed(vertices, faces, _ENOUGH_SPARE, _SPARE) if few else _most_needed(vertices, faces)
     return 0.0 if most == 0.0 else float(_SPARE * mean)
 
 
@@ -117,6 +119,11 @@ def face_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         out[f] = 0.5 * np.sqrt(nx * nx + ny * ny + nz * nz)
     return out
+
+
+def looked_at_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Area of every face (F,) of a mesh that may be refused: the same, without compiled code where faces are few."""
+    return plain.face_areas(vertices, faces) if plain.is_few(faces, face_areas) else face_areas(vertices, faces)
 
 
 def corner_weights(vertices: FloatArray, faces: IntArray, mollification: float = 0.0) -> FloatArray:

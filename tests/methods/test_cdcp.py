@@ -26,7 +26,7 @@ from pgcp.methods.common.double_cover import (
     late_heat,
     start_angles,
 )
-from pgcp.plane.mobius import shift_disk
+from pgcp.plane.mobius import are_apart, shift_disk
 from pgcp.plane.space import PLANE
 from pgcp.surface.beltrami import folded_faces
 from pgcp.surface.distortion import angle_errors, conformal_energy
@@ -106,13 +106,29 @@ def test_the_harmonic_boundary_does_not_depend_on_where_the_loop_begins(backend)
         assert np.abs(other - found[0]).max() < 2e-11 * np.abs(found[0]).max()
 
 
-def test_vertices_that_no_face_uses_change_nothing():
-    """The long arm of this surface is far from its middle; 2,000 unused vertices neither take heat nor move the pole."""
+class Within:
+    """A factor of a mesh whose first vertices no face uses: it does not read what is said of them, and they stay at 0."""
+
+    def __init__(self, factor, unused):
+        self._factor, self._unused, self.schur = factor, unused, factor.schur
+
+    def reduce(self, load):
+        return self._factor.reduce(load[self._unused :])
+
+    def solve(self, load, values):
+        return np.pad(self._factor.solve(load[self._unused :], values), (self._unused, 0))
+
+
+def test_vertices_that_no_face_uses_take_no_heat():
     mesh = lifted(grid(6, 20), 0.5)
+    loop, factor = problem(mesh)
+    plain = late_heat(loop, np.ones(len(mesh.vertices), bool), factor)
+    used = np.arange(2000 + len(plain)) >= 2000
+    found = late_heat(loop + 2000, used, Within(factor, 2000))
+    assert np.abs(found[2000:] - plain).max() < 1e-12 * np.abs(plain).max()
     more = Mesh(np.vstack([np.random.default_rng(0).normal(size=(2000, 3)), mesh.vertices]), mesh.faces + 2000)
-    for patches in (1, 3):
-        plain, other = (pgcp.parameterize(m, method="cdcp", patches=patches) for m in (mesh, more))
-        assert np.abs(other.coordinates[2000:] - plain.coordinates).max() < 1e-9
+    one, other = (pgcp.parameterize(m, method="cdcp", patches=3) for m in (mesh, more))
+    assert np.abs(other.coordinates[2000:] - one.coordinates).max() < 1e-9
 
 
 def test_heat_is_one_implicit_step():
@@ -201,19 +217,22 @@ def test_the_correction_never_makes_angles_worse():
 
 
 def test_a_correction_that_only_helps_its_sample_is_not_made(monkeypatch):
+    """One that folds nothing and leaves all boundary points apart: only its angles speak against it."""
     mesh, _ = cap(9, 2.5)
     loop, factor = problem(mesh)
     centre = centre_of(mesh, loop, factor)
     plain = cdcp_map(mesh, loop, factor, centre, corrected=False).z
-    monkeypatch.setattr("pgcp.methods.cdcp._SAMPLE", 3)
-    omega = least_angle_shift(mesh.vertices, mesh.faces, plain)
-    assert (
-        angle_errors(mesh, PLANE.coordinates(shift_disk(plain, omega))).mean()
-        > angle_errors(mesh, PLANE.coordinates(plain)).mean()
-    )
-    kept = cdcp_map(mesh, loop, factor, centre)
-    assert kept.omega == 0
-    assert np.array_equal(kept.z, plain)
+    for sample in (5, 8):
+        monkeypatch.setattr("pgcp.methods.cdcp._SAMPLE", sample)
+        omega = least_angle_shift(mesh.vertices, mesh.faces, plain)
+        moved = shift_disk(plain, omega)
+        assert abs(omega) > 0.1
+        assert are_apart(moved, loop)
+        assert len(folded_faces(mesh.faces, moved)) == 0
+        assert angle_errors(mesh, PLANE.coordinates(moved)).mean() > angle_errors(mesh, PLANE.coordinates(plain)).mean() + 0.5
+        kept = cdcp_map(mesh, loop, factor, centre)
+        assert kept.omega == 0
+        assert np.array_equal(kept.z, plain)
 
 
 @pytest.mark.parametrize(("seed", "n"), [(11, 2), (17, 4), (22, 2)])
