@@ -28,6 +28,7 @@ _TURNS = 4
 _LONGEST = 690.0  # log of the smallest number
 _LEAST_GAP = 1e-6  # to the mean gap
 _FEW_GAPS = 0.02
+_SAME = 1e-9
 _MOST_KEPT = 4000
 
 
@@ -55,14 +56,19 @@ def far_ends(vertices: FloatArray, faces: IntArray, boundary: IntArray, laplacia
         """Where u is least with a source at a vertex."""
         load = -share.astype(np.complex128)
         load[source] += share.sum()
-        return int(np.argmin(factor.solve(load, none).real))
+        return _first_least(factor.solve(load, none).real)
 
     if len(boundary):
         u = factor.solve(share.astype(np.complex128), none).real
-        u[boundary] = -np.inf
-        return int(np.argmax(u)), -1
+        u[boundary] = 0.0
+        return _first_least(-u), -1
     one = farthest(int(faces[0, 0]))
     return one, farthest(one)
+
+
+def _first_least(u: FloatArray) -> int:
+    """The first of the least values, whichever of those is least by rounding."""
+    return int(np.argmax(u <= u.min() + _SAME * np.ptp(u)))
 
 
 def _link(faces: IntArray, vertex: int) -> IntArray:
@@ -313,7 +319,8 @@ def sphere_of(polar: Polar, mesh: Mesh) -> FloatArray:
     np.add.at(share, mesh.faces.reshape(-1), np.repeat(face_areas(mesh.vertices, mesh.faces), 3))
     order = np.argsort(w.real, kind="stable")
     total = np.cumsum(share[order])
-    u = w.real - w.real[order[int(np.searchsorted(total, 0.5 * total[-1]))]]
+    known = np.isfinite(w.real[order])
+    u = w.real - np.interp(0.5 * total[-1], total[known], w.real[order][known])
     with np.errstate(over="ignore"):
         radius = np.where(inner, 1.0 / np.cosh(np.where(inner, u, 0.0)), 0.0)
     v = np.where(inner, w.imag, 0.0)

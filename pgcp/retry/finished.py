@@ -22,7 +22,7 @@ from pgcp.types import IntArray, Positions
 EMBED = "embed"
 _FEW_FOLDS = 50
 _FEW_FRACTION = 0.005
-_CROWDED = 20.0  # log of the range of scales from which on tips lose digits anywhere but at 0
+CROWDED = 20.0  # log of the range of scales from which on tips lose digits anywhere but at 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +79,7 @@ def local_repairs(run: Run) -> tuple[str, ...]:
 def _corrected(run: Run, method: Method, target: Target, mapped: Mapped) -> tuple[Positions, Correction | None]:
     """The Moebius correction asked for; a vertex at the centre of the disk leaves none, nor do tips that must stay at 0."""
     options, bare, points = run.options, run.mesh.bare, mapped.points
-    if mapped.details.get("logarithms", {"range": 0.0})["range"] > _CROWDED:
+    if mapped.details.get("logarithms", {"range": 0.0})["range"] > CROWDED:
         return points, None
     wanted = method.moebius or target.moebius if options.moebius == AUTO else options.moebius
     if wanted == "none" or (target.centre_is_all and options.centre is not None):

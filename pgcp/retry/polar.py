@@ -13,12 +13,15 @@ from pgcp.patches.mapped import Mapped
 from pgcp.patches.run import Run
 from pgcp.patches.stored import Parts
 from pgcp.patches.types import SeamPositions
+from pgcp.plane.mobius import balancing_step, boost, shift_disk
 from pgcp.plane.space import map_coefficients
-from pgcp.retry.finished import EMBED, Finished, finish, target_of
+from pgcp.retry.finished import CROWDED, EMBED, Finished, finish, target_of
 from pgcp.surface.distortion import angle_errors
+from pgcp.surface.operators import face_areas
 from pgcp.targets.registry import TARGETS
 from pgcp.types import FloatArray, Positions
 
+_STEPS = 50
 _MOST_VERTICES = 400_000  # one process holds the whole mesh's factor
 
 
@@ -38,6 +41,8 @@ def solved_in_logarithms(run: Run, method: Method, parts: Parts, positive: bool 
             return None
         points: Positions = sphere_of(polar, mesh) if space.closed else disk_of(polar)
         finite: FloatArray = polar.w.real[np.isfinite(polar.w.real)]
+        if np.ptp(finite) <= CROWDED:
+            points = _balanced(run, points)
         details = {"logarithms": {"range": float(np.ptp(finite)), "positive_weights": positive}}
         none = np.empty(0, np.int64)
         mu = map_coefficients(space, mesh, mesh.faces, points)
@@ -45,6 +50,28 @@ def solved_in_logarithms(run: Run, method: Method, parts: Parts, positive: bool 
     goal = TARGETS.get(asked.gives_way_to) if asked.has_free_boundary and asked.gives_way_to else asked
     done = finish(run, method, Mapped(parts, goal, points, mu, SeamPositions(none, points[none]), [], None, details))
     return done if goal is asked else free_of(run, done)
+
+
+def _balanced(run: Run, points: Positions) -> Positions:
+    """A map after the Moebius map that balances it: of a sphere all vertices by area, of a disk its boundary by length."""
+    mesh, space, loop = run.mesh, run.target.space, run.boundary
+    if space.closed:
+        share = np.bincount(mesh.faces.reshape(-1), np.repeat(face_areas(mesh.vertices, mesh.faces), 3), len(mesh.vertices))
+        for _ in range(_STEPS):
+            step = balancing_step(points, share / share.sum())
+            if not step.any():
+                break
+            points = boost(points, -step)
+        return points
+    steps = np.linalg.norm(np.roll(mesh.vertices[loop], -1, axis=0) - mesh.vertices[loop], axis=1)
+    weights = (steps + np.roll(steps, 1)) / (2.0 * steps.sum())
+    for _ in range(_STEPS):
+        step = balancing_step(np.column_stack([points[loop].real, points[loop].imag]), weights)
+        if not step.any():
+            break
+        points = shift_disk(points, complex(step[0], step[1]))
+        points[loop] /= np.abs(points[loop])
+    return points
 
 
 def free_of(run: Run, done: Finished) -> Finished:
