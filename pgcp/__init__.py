@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from pgcp.runtime.compiled import find_cache
 
 if TYPE_CHECKING:
-    from pgcp.api import check_mesh, compute, parameterize
+    from pgcp.api import check_mesh, compare, compute, parameterize
     from pgcp.errors import (
         BadFileError,
         CrowdedError,
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from pgcp.io.read import read_mesh
     from pgcp.io.write import write_mesh
     from pgcp.options import Options, Running
+    from pgcp.result import Result
     from pgcp.types import Mesh, Parameterization, Quality
 
 find_cache()
@@ -55,11 +56,13 @@ __all__ = [
     "PartitionInputError",
     "PgcpError",
     "Quality",
+    "Result",
     "Running",
     "SolveFailedError",
     "StoppedError",
     "WeldFailedError",
     "check_mesh",
+    "compare",
     "compute",
     "parameterize",
     "read_mesh",
@@ -71,8 +74,10 @@ _HOMES = {
     "Options": "options",
     "Running": "options",
     "check_mesh": "api",
+    "compare": "api",
     "compute": "api",
     "parameterize": "api",
+    "Result": "result",
     "Mesh": "types",
     "Parameterization": "types",
     "Quality": "types",

@@ -1,23 +1,29 @@
-"""What is called from Python: one function with all options, and one that takes them as objects."""
+"""What is called from Python: one function with all options, one that takes them as objects, one that compares methods."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
-from pgcp.errors import FoldError, InputError
-from pgcp.intake.check import inspect
+from pgcp.errors import FoldError, InputError, NumericalError
+from pgcp.intake.check import inspect, inspect_mended
 from pgcp.io.read import read_mesh
+from pgcp.methods.registry import METHODS
 from pgcp.options import AUTO, METHOD, REPAIRS, Options, Running, names_checked
 from pgcp.pipeline import map_surface
+from pgcp.report.comparison import Compared
 from pgcp.report.record import fold_message
+from pgcp.result import Result
 from pgcp.runtime.executors import Progress, silent
 from pgcp.surface.topology import Topology
-from pgcp.targets.fitting import Asked
-from pgcp.types import Mesh, Parameterization
+from pgcp.targets.fitting import Asked, fitting_names
+from pgcp.types import Mesh
 
 
 def as_mesh(source: Any) -> Mesh:
@@ -40,9 +46,7 @@ def check_mesh(mesh: Mesh, target: str = AUTO) -> Topology:
     return inspect(mesh, Asked(target)).accepted()[0]
 
 
-def compute(
-    source: Any, options: Options | None = None, running: Running | None = None, progress: Progress = silent
-) -> Parameterization:
+def compute(source: Any, options: Options | None = None, running: Running | None = None, progress: Progress = silent) -> Result:
     """As ``parameterize``, but a map with folds is returned like any other: its quality says so."""
     options, running = Options() if options is None else options, Running() if running is None else running
     for name, given, kind in (("options", options, Options), ("running", running, Running)):
@@ -50,7 +54,46 @@ def compute(
             raise InputError(f"{name} is {given!r}, it must be of type pgcp.{kind.__name__}")
     if not callable(progress):
         raise InputError(f"progress is {progress!r}, it must be a function of stage, done and total")
-    return map_surface(lambda: as_mesh(source), options, running, progress)
+    return Result.of(map_surface(lambda: as_mesh(source), options, running, progress))
+
+
+def compare(
+    source: Any,
+    methods: Sequence[str] | None = None,
+    options: Options | None = None,
+    running: Running | None = None,
+    progress: Progress = silent,
+) -> list[Compared]:
+    """Map a surface by several methods and put the maps beside each other.
+
+    methods: their names, None for all. options: as for every other map; where their target is ``auto``, each method maps to
+    every target that it has and that fits the surface. A method that fails is a row that says why.
+    Raises InputError where the surface cannot be mapped at all, or a method is unknown or has no such target.
+    """
+    options = options or Options()
+    mesh = as_mesh(source)
+    topology = inspect_mended(mesh, Asked(options.target)).topology if options.fix else check_mesh(mesh, options.target)
+    targets = fitting_names(topology) if options.target == AUTO else [options.target]
+    pairs = [
+        (target, method)
+        for target in targets
+        for method in ([METHODS.get(name) for name in methods] if methods else METHODS.all())
+        if method.targets is None or target in method.targets
+    ]
+    if not pairs:
+        named = ", ".join(methods or METHODS.names())
+        raise InputError(f"of the methods {named}, none maps to the target {' or '.join(targets)}")
+    rows = []
+    for number, (target, method) in enumerate(pairs):
+        progress("compare", number, len(pairs))
+        started, result, problem = time.perf_counter(), None, ""
+        try:
+            result = compute(mesh, replace(options, target=target, method=method.name), running, progress)
+        except (InputError, NumericalError) as failure:
+            problem = str(failure)
+        rows.append(Compared(method.name, target, time.perf_counter() - started, result, problem))
+    progress("compare", len(pairs), len(pairs))
+    return rows
 
 
 @names_checked
@@ -62,7 +105,7 @@ def parameterize(
     target: str = AUTO,
     centre: int | None = None,
     moebius: str = AUTO,
-    polish: str = AUTO,
+    polish: str = "none",
     cuts: str | Path | None = None,
     repair_cuts: bool = False,
     method: str = METHOD,
@@ -84,7 +127,8 @@ def parameterize(
     tls_ca: str | Path | None = None,
     tls_cert: str | Path | None = None,
     tls_key: str | Path | None = None,
-) -> Parameterization:
+    client: Any = None,
+) -> Result:
     """Map a simply connected surface conformally to the plane, the unit disk or the unit sphere (PGCP Algorithm 3).
 
     source: a Mesh, a path, or a trimesh.Trimesh. progress(stage, done, total) is called when a stage begins, with total 0
@@ -102,7 +146,7 @@ def parameterize(
     )  # fmt: skip
     running = Running(
         workers, scheduler, as_given(scheduler_file), executor, as_given(store), factor_cache_bytes, memory_limit_bytes, resume,
-        as_given(tls_ca), as_given(tls_cert), as_given(tls_key),
+        as_given(tls_ca), as_given(tls_cert), as_given(tls_key), client,
     )  # fmt: skip
     result = compute(source, options, running, progress)
     if result.quality.folds:

@@ -22,6 +22,7 @@ Kind = TypeVar("Kind", bound=type)
 AUTO = "auto"
 METHOD = "pgcp"
 MOEBIUS = (AUTO, "none", "area", "angle")
+UVS, UPS = ("unit", "surface"), ("auto", "x", "y", "z")  # texture coordinates, and what is up on the texture
 POLISHES = (AUTO, "none", "angles")
 REPAIRS = ("relax", "compose", "average", "untangle", "embed")
 FLATTENERS = ("dncp", "scp")
@@ -145,7 +146,7 @@ class Options:
     repairs: tuple[str, ...] = REPAIRS
     no_overlap: bool = False
     fix: bool = False
-    polish: str = AUTO
+    polish: str = "none"
 
     def __post_init__(self) -> None:
         _check_types(self)
@@ -167,7 +168,8 @@ class Running:
     """Where and how a run runs: the bits of its results do not depend on it.
 
     workers: 0 for threads of this process, else processes on this machine, which is then the number of processors in use;
-    scheduler or scheduler_file: a running dask cluster; executor: name of what runs the tasks, or auto for the first that has
+    scheduler, scheduler_file or client: a running dask cluster, by its scheduler's address, the file that describes it, or a
+    live dask.distributed.Client, which stays open; executor: name of what runs the tasks, or auto for the first that has
     workers if workers are asked for; store: directory shared with the workers; factor_cache_bytes: what factors one process may
     keep between the passes, None for 1.5 GB or what the memory limit leaves; memory_limit_bytes: of all processes together;
     resume: take up what an earlier run of the same mesh and options has finished, and keep what this one has when it is
@@ -185,16 +187,19 @@ class Running:
     tls_ca: Path | None = None
     tls_cert: Path | None = None
     tls_key: Path | None = None
+    client: Any = None
 
     def __post_init__(self) -> None:
         _check_types(self)
         if self.workers < 0:
             raise InputError(f"workers is {self.workers}, it must be 0 (none) or more")
-        if self.scheduler is not None and self.scheduler_file is not None:
-            raise InputError("give a scheduler address or a scheduler file, not both")
+        if sum(given is not None for given in (self.scheduler, self.scheduler_file, self.client)) > 1:
+            raise InputError("give one of a scheduler address, a scheduler file and a client")
         given = [path is not None for path in (self.tls_ca, self.tls_cert, self.tls_key)]
         if any(given) and not all(given):
             raise InputError("TLS needs all three of tls_ca, tls_cert and tls_key")
+        if any(given) and self.client is not None:
+            raise InputError("a client has its own TLS files; leave tls_ca, tls_cert and tls_key out")
         if any(given) and not self.is_elsewhere:
             raise InputError("TLS goes with a running scheduler: workers on this machine listen to this machine only")
         if self.memory_limit_bytes is not None and self.memory_limit_bytes < _LEAST_MEMORY:
@@ -204,7 +209,7 @@ class Running:
     @property
     def is_elsewhere(self) -> bool:
         """Whether a running scheduler is used."""
-        return self.scheduler is not None or self.scheduler_file is not None
+        return self.scheduler is not None or self.scheduler_file is not None or self.client is not None
 
     @property
     def starts_workers(self) -> bool:
@@ -230,5 +235,6 @@ def _one_of(what: str, value: str, known: tuple[str, ...]) -> None:
 
 
 def plain_options(options: Options | Running) -> dict[str, Any]:
-    """Options as plain data, paths as text."""
-    return {f.name: str(v) if isinstance(v := getattr(options, f.name), Path) else v for f in fields(options)}
+    """Options as plain data, paths and clients as text."""
+    values = {f.name: getattr(options, f.name) for f in fields(options)}
+    return {name: v if v is None or isinstance(v, (bool, int, str, tuple)) else str(v) for name, v in values.items()}

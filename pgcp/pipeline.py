@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -13,7 +13,6 @@ import numpy as np
 
 from pgcp.elimination.dirichlet import choose_backend
 from pgcp.errors import InputError, PgcpError
-from pgcp.finish.place import Unplaced
 from pgcp.finish.quality import measure_quality
 from pgcp.intake.check import Geometry, inspect, inspect_mended
 from pgcp.intake.mend import Mended, unmended
@@ -27,6 +26,7 @@ from pgcp.patches.warm_up import warm_up
 from pgcp.plane.space import map_coefficients
 from pgcp.report.record import run_report
 from pgcp.retry.course import Outcome, map_mesh
+from pgcp.retry.placed import place_outcome, single_precision_folds
 from pgcp.runtime.address_space import check_address_space
 from pgcp.runtime.cache import Owner, drop_run
 from pgcp.runtime.clock import Clock
@@ -35,7 +35,7 @@ from pgcp.runtime.job import Job
 from pgcp.runtime.resume import resumable, run_key
 from pgcp.runtime.sizing import Plan, make_plan
 from pgcp.runtime.versions import package_versions
-from pgcp.surface.topology import Topology, used_vertices
+from pgcp.surface.topology import Topology
 from pgcp.targets.base import Target
 from pgcp.targets.fitting import Asked, check_options
 from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Parameterization, Quality
@@ -50,16 +50,18 @@ def map_surface(mesh_of: Callable[[], Mesh], asked: Options, running: Running, p
         clock, name = Clock(progress), uuid.uuid4().hex[:12]
         method, options = method_of(asked)
         backend = choose_backend(options.backend)
-        with make_executor(running, name, clock.progress, warm_up) as executor:
+        # what tasks write to goes when no worker writes any more
+        with ExitStack() as at_last, make_executor(running, name, clock.progress, warm_up) as executor:
             taken = _taken_in(mesh_of, method, options, clock)
             plan = _planned(taken, running, executor)
             clock.executor = executor
-            with resumable(running, run_key(taken.mesh, taken.options, taken.cuts, plan.patches, backend)) as directory:
-                run = _run(taken, plan, Job(Owner(name), directory, options.flatten, backend, plan.factor_cache_bytes), clock)
-                with _tidied(executor, name):
-                    outcome = map_mesh(run, method)
+            key = run_key(taken.mesh, taken.options, taken.cuts, plan.patches, backend)
+            directory = at_last.enter_context(resumable(running, key))
+            run = _run(taken, plan, Job(Owner(name), directory, options.flatten, backend, plan.factor_cache_bytes), clock)
+            with _tidied(executor, name):
+                outcome = map_mesh(run, method)
             with clock.stage("place"):
-                coordinates, mu = _placed(run, outcome)
+                outcome, coordinates, mu = _placed(run, outcome)
             description = executor.describe()
         clock.executor = LocalExecutor()
         with clock.stage("measure"):
@@ -118,8 +120,10 @@ def _result(
     """The map in the surface's own unit, with its report."""
     unit, mended, target = taken.geometry.unit, taken.mended, outcome.done.target
     fixes = [fix.as_record() for fix in mended.fixes]
-    report = run_report(taken.mesh.bare, outcome, quality, taken.geometry.mollification * unit, fixes, where)
     coordinates = coordinates * unit if target.keeps_scale else coordinates
+    in_single = single_precision_folds(target.space, taken.mesh.bare.faces, coordinates)
+    report = run_report(taken.mesh.bare, outcome, quality, taken.geometry.mollification * unit, fixes, where)
+    report["single_precision_folds"] = in_single
     patch = outcome.done.mapped.parts.split.labels[: len(mu)]
     vertex_of, face_of = (mended.vertex_of, mended.face_of) if taken.options.fix else (None, None)
     name = target.space.coordinates_name
@@ -161,16 +165,16 @@ def _renumbered(options: Options, mended: Mended) -> Options:
     return replace(options, centre=centre)
 
 
-def _placed(run: Run, outcome: Outcome) -> tuple[FloatArray, ComplexArray]:
-    """Coordinates (V, 2) or (V, 3) in the target's customary position, and mu (F,) of all faces but filler."""
+def _placed(run: Run, outcome: Outcome) -> tuple[Outcome, FloatArray, ComplexArray]:
+    """The outcome in its place, coordinates (V, 2) or (V, 3), and mu (F,) of all faces but filler."""
+    outcome, coordinates = place_outcome(run, outcome)
     done, mesh, centre = outcome.done, run.mesh.bare, run.options.centre
     space = done.target.space
-    coordinates = done.target.place(Unplaced(mesh, done.points, run.boundary, used_vertices(mesh)), centre)
     mu = done.mapped.mu[: len(mesh.faces)].copy()
     changed = done.changed_faces if centre is None else np.arange(len(mesh.faces))
     changed = changed[changed < len(mesh.faces)]
     mu[changed] = map_coefficients(space, mesh, mesh.faces[changed], space.positions(coordinates))
-    return coordinates, mu
+    return outcome, coordinates, mu
 
 
 def _measured(mesh: Mesh, target: Target, coordinates: FloatArray, mu: ComplexArray) -> Quality:

@@ -107,12 +107,16 @@ class Parameterization:
     face_of: IntArray | None = None
     coordinates_name: str = "uv"
 
-    def to_trimesh(self) -> Any:
-        """The surface as a ``trimesh.Trimesh`` in the same order.
 
-        Coordinates in the plane are its texture coordinates (``visual.uv``), coordinates on the sphere its vertex attribute
-        "sphere"; patch and mu are face attributes.
-        """
-        from pgcp.io.trimesh_bridge import to_trimesh
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """Where a map lies on a texture: points (T, 2), and which of them the corners of faces (F, 3) have.
 
-        return to_trimesh(self)
+    The first V points are those of the vertices; further ones are the other sides of cuts, at the vertices ``copies`` (T - V,).
+    record: what report.json says of it.
+    """
+
+    points: FloatArray
+    faces: IntArray
+    copies: IntArray
+    record: dict[str, Any]

@@ -33,7 +33,9 @@ def listen(commands: list[list[str]]) -> None:
 
     from pgcp.cli.main import main
     from pgcp.parallel import limited_to
+    from pgcp.surface import plain
 
+    plain.FEW = 0  # small meshes stand for large ones here
     depth = 0
 
     class Listener(event.Listener):

@@ -6,6 +6,7 @@ the folder that the store lies in: ``log``; ``hold``, which starts of which stag
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import os
 import resource
@@ -161,6 +162,16 @@ if __name__ == "__main__":
 # outside
 
 
+_DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG
+
+
+def _as_child():
+    """In a new process: Ctrl-C is not ignored, and on Linux it is killed if this process, killed itself, cannot end it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
+
+
 class Processes:
     """Processes that are ended with all they have started, whatever happens."""
 
@@ -168,9 +179,8 @@ class Processes:
         self._all = []
 
     def start(self, command, **options):
-        """Start one in a process group of its own, to which Ctrl-C can be sent; it does not ignore it."""
-        default = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)  # noqa: E731
-        self._all.append(subprocess.Popen(command, start_new_session=True, preexec_fn=default, **options))  # noqa: PLW1509
+        """Start one in a process group of its own, to which Ctrl-C can be sent."""
+        self._all.append(subprocess.Popen(command, start_new_session=True, preexec_fn=_as_child, **options))  # noqa: PLW1509
         return self._all[-1]
 
     def end(self):
@@ -299,9 +309,15 @@ class Cluster:
         command = [dask, what, *arguments, *self._tls, "--no-dashboard"]
         return self._processes.start(command, cwd=self._folder, env={**os.environ, "PYTHONWARNINGS": ""}, **quiet)
 
+    @property
+    def info(self):
+        """The file in which the scheduler says where it is."""
+        return self._folder / "scheduler.json"
+
     def start_scheduler(self):
         """Start the scheduler, on the same port every time."""
-        self.scheduler = self._start("scheduler", "--protocol", self._protocol, "--host", "127.0.0.1", "--port", str(self.port))
+        where = ("--protocol", self._protocol, "--host", "127.0.0.1", "--port", str(self.port))
+        self.scheduler = self._start("scheduler", *where, "--scheduler-file", str(self.info))
 
     def have_workers(self, count, security=None):
         """Start workers until there are so many, and wait until all are there and no others."""

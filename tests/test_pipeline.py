@@ -5,7 +5,6 @@ import operator
 import os
 import pickle
 import socket
-import subprocess
 import sys
 import threading
 import time
@@ -15,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from clusters import Cluster, Processes
 from meshes import cap, grid, lifted, similarity_error, spheroid
 
 import pgcp
@@ -158,35 +158,15 @@ def free_port():
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory):
-    """A scheduler and two workers, started as a user would start them."""
-    folder = tmp_path_factory.mktemp("cluster")
-    dask = str(Path(sys.executable).with_name("dask"))
-    info = folder / "scheduler.json"
-    common = {
-        "stdout": subprocess.DEVNULL,
-        "stderr": subprocess.DEVNULL,
-        "cwd": folder,
-        "env": {**os.environ, "PYTHONWARNINGS": ""},
-    }
-    port = free_port()
-    commands = [
-        [dask, "scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard", "--scheduler-file", str(info)]
-    ]
-    worker = [dask, "worker", f"tcp://127.0.0.1:{port}", "--nthreads", "1", "--no-dashboard", "--local-directory", str(folder)]
-    commands += [worker, worker]
-    processes = [subprocess.Popen(command, **common) for command in commands]
-    deadline = time.monotonic() + 60
-    while not info.exists() and time.monotonic() < deadline:
-        time.sleep(0.1)
-    from distributed import Client
-
-    with Client(f"tcp://127.0.0.1:{port}", timeout="60s") as client:
-        client.wait_for_workers(2, timeout=60)
-    yield f"tcp://127.0.0.1:{port}", info
-    for process in processes[::-1]:
-        process.terminate()
-    for process in processes:
-        process.wait(30)
+    """A scheduler and two workers, started as a user would start them; all are gone afterwards, whatever happens."""
+    processes = Processes()
+    try:
+        started = Cluster(tmp_path_factory.mktemp("cluster"), processes)
+        started.start_scheduler()
+        started.have_workers(2)
+        yield started.address, started.info
+    finally:
+        processes.end()
 
 
 def test_a_running_cluster_is_used_by_address_and_by_file(cluster, reference, tmp_path):
@@ -199,16 +179,16 @@ def test_a_running_cluster_is_used_by_address_and_by_file(cluster, reference, tm
     assert list(tmp_path.iterdir()) == []
 
 
-def test_little_passes_through_the_scheduler(cluster, reference):
-    """Arguments and results of all tasks, pickled: far below the arrays of the mesh."""
-    mesh, _ = reference
-    address, _ = cluster
-    sizes = []
+def passed(mesh, address, more=None):
+    """The map in 6 patches, pickled bytes of arguments and results of each stage, the results; ``more`` goes with them."""
+    sizes, made = {}, {}
 
     class Watched(DaskExecutor):
-        def map(self, tasks, *more):
-            results = super().map(tasks, *more)
-            sizes.append((tasks.stage, len(pickle.dumps((tasks.function, list(tasks.items)))), len(pickle.dumps(results))))
+        def map(self, tasks, *others):
+            results = super().map(tasks, *others)
+            made[tasks.stage] = results
+            sent = pickle.dumps((tasks.function, list(tasks.items)))
+            sizes[tasks.stage] = len(sent), len(pickle.dumps((results, more)))
             return results
 
     def make(running, run, *_):
@@ -216,11 +196,43 @@ def test_little_passes_through_the_scheduler(cluster, reference):
 
     EXECUTORS.register(ExecutorKind("watched", "", make, has_workers=True))
     try:
-        pgcp.parameterize(mesh, patches=6, scheduler=address, executor="watched")
+        result = pgcp.parameterize(mesh, patches=6, scheduler=address, executor="watched")
     finally:
         EXECUTORS.remove("watched")
-    assert max(out for stage, _, out in sizes if stage in ("flatten", "solve")) < 0.5 * mesh.vertices.nbytes * 6
-    assert max(max(row[1:]) for row in sizes) < 10_000_000
+    return result, sizes, made
+
+
+def boundary_counts(mesh, labels):
+    """How many vertices lie on the boundary of each patch."""
+    counts = []
+    for label in range(labels.max() + 1):
+        edges = np.sort(mesh.faces[labels == label][:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        counts.append(int((np.unique(edges, axis=0, return_counts=True)[1] == 1).sum()))
+    return counts
+
+
+def are_only_boundaries(mesh, result, sizes, made):
+    """Whether what passes is the boundary of every patch, subdivided as its curve is, and 200 bytes of wrapping a task."""
+    counts = boundary_counts(mesh, result.patch)
+    assert sorted(len(curve.vertex_ids) for curve in made["flatten"]) == sorted(counts)
+    points = sum(len(curve.z) for curve in made["flatten"])
+    positions, few = 16, 200 * len(counts)
+    return (
+        sizes["flatten"][0] < few
+        and sizes["flatten"][1] < positions * points + 8 * sum(counts) + few
+        and sizes["solve"][0] < positions * sum(counts) + few
+        and sizes["solve"][1] < few
+    )
+
+
+def test_little_passes_through_the_scheduler(cluster):
+    """Boundary curves one way, boundary positions the other, no more than one patch's arrays would add."""
+    mesh = lifted(grid(40, 30, jitter=0.2))
+    result, sizes, made = passed(mesh, cluster[0])
+    assert are_only_boundaries(mesh, result, sizes, made)
+    smallest = int(np.argmin(np.bincount(result.patch)))
+    its_vertices = mesh.vertices[np.unique(mesh.faces[result.patch == smallest])]
+    assert not are_only_boundaries(mesh, *passed(mesh, cluster[0], its_vertices))
 
 
 @pytest.fixture(params=["serial", "dask"])
@@ -626,7 +638,8 @@ def test_a_weld_that_fails_every_time_is_an_error(monkeypatch, hills):
         ({"executor": "magic"}, "unknown executor 'magic'; choose from dask, threads"),
         ({"executor": "threads", "workers": 2}, "the executor threads has no workers"),
         ({"executor": "dask"}, "the executor dask needs workers or a scheduler"),
-        ({"scheduler": "a", "scheduler_file": Path("b")}, "not both"),
+        ({"scheduler": "a", "scheduler_file": Path("b")}, "give one of"),
+        ({"scheduler": "a", "client": 3}, "give one of"),
         ({"factor_cache_bytes": -1}, "factor_cache_bytes"),
     ],
 )
@@ -727,7 +740,7 @@ def test_a_map_with_folds_is_not_passed_off_as_good(hills, monkeypatch):
         stored, "collect", lambda mesh, parts, space: ((mesh.vertices @ [1, -1j, 0]), np.zeros(len(mesh.faces), complex))
     )
     with pytest.raises(errors.FoldError, match="folded faces of 1152") as caught:
-        pgcp.parameterize(hills, patches=2)
+        pgcp.parameterize(hills, patches=2, repairs=())
     assert caught.value.result.quality.folds == len(hills.faces)
     assert caught.value.result.report["status"] == "folded"
 

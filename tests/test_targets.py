@@ -21,6 +21,7 @@ from pgcp.patches.types import Component, Patch
 from pgcp.patches.weld import run_welds, start_component, weld_closed
 from pgcp.plane.mobius import boost
 from pgcp.plane.space import PLANE, SPHERE
+from pgcp.retry import course
 from pgcp.surface.beltrami import folded_faces_on_sphere
 from pgcp.surface.operators import cotangent_laplacian, cotangents, needed_mollification, positive_laplacian
 from pgcp.surface.topology import examine
@@ -80,7 +81,8 @@ def test_a_spheroid_goes_to_the_sphere_by_its_exact_map(length):
 
 
 @pytest.mark.parametrize("patches", [2, 6])
-def test_a_moebius_image_of_the_sphere_has_the_same_map_up_to_an_automorphism(patches):
+def test_a_moebius_image_of_the_sphere_has_the_same_map_up_to_an_automorphism(patches, monkeypatch):
+    monkeypatch.setattr(course, "may_be_solved_in_logarithms", lambda *_: False)  # both by welds, or they are not comparable
     errors = []
     for levels in (2, 4):
         mesh = icosphere(levels)

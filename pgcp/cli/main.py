@@ -9,10 +9,11 @@ import signal
 import sys
 import time
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
+from pgcp.cli.compare import compared
 from pgcp.cli.parser import build_parser, options_of, outputs_of, running_of
 from pgcp.cli.progress import Silent, display, logged
 from pgcp.cli.summary import check_only, record, summary
@@ -23,9 +24,11 @@ from pgcp.options import AUTO, Options, Running
 from pgcp.parallel import leave, processor_count
 from pgcp.runtime.address_space import NEEDS_MEMORY, check_address_space
 from pgcp.runtime.compiled import cache_is_temporary, compile_all, compiled_together, drop_temporary_cache
-from pgcp.runtime.forks import collect_seldom, prepare_forks
+from pgcp.runtime.forks import collect_seldom, leave_nothing, prepare_forks
 from pgcp.runtime.versions import package_versions
-from pgcp.types import Parameterization
+
+if TYPE_CHECKING:
+    from pgcp.result import Result
 
 _STATUS = {InputError: BAD_INPUT, NumericalError: NUMERICAL, StoppedError: STOPPED}
 _NO_CACHE = (
@@ -49,6 +52,8 @@ def _run(arguments: argparse.Namespace, signals: Signals) -> int:
                 return _checked(arguments, shown)
             if running.starts_workers:
                 prepare_forks()
+            if arguments.compare is not None:
+                return compared(arguments, options, running, shown)
             if cache_is_temporary() and not arguments.quiet:
                 print(f"pgcp-run: {_NO_CACHE}", file=sys.stderr)
             with compiled_together(_usual(arguments.target), processor_count() - 1, shown):
@@ -69,11 +74,11 @@ def _checked(arguments: argparse.Namespace, shown: Silent) -> int:
 
 def _mapped(
     arguments: argparse.Namespace, options: Options, running: Running, signals: Signals, shown: Silent
-) -> tuple[Parameterization, Path, list[Path]]:
+) -> tuple[Result, Path, list[Path]]:
     """The map of a mesh, the folder of the results, and the files written there."""
     from pgcp.api import compute
-    from pgcp.io.write import write_outputs
-    from pgcp.report.picture import draw
+    from pgcp.io.files import claimed
+    from pgcp.report.texture import as_png
     from pgcp.surface.demo import demo_mesh
 
     stem = "demo" if arguments.mesh is None else arguments.mesh.stem
@@ -84,32 +89,83 @@ def _mapped(
     if arguments.mesh is not None and directory.is_dir() and directory.samefile(beside):
         raise InputError(f"{directory}: results here would take the place of {arguments.mesh}; choose another --output-dir")
     kinds = outputs_of(arguments)
+    _check_files(arguments)
+    texture = None if arguments.texture is None else as_png(arguments.texture)
     shown("start", 1, 1)
-    result = compute(demo_mesh() if arguments.mesh is None else arguments.mesh, options, running, shown)
-    try:
-        shown("draw", 0, 0)
-        picture = None if arguments.no_png else draw(result)
-        shown("draw", 1, 1)
-        shown("write", 0, 0)
-        paths = write_outputs(directory, stem, result, picture, signals.held(), kinds)
-        shown("write", 1, 1)
-    except OSError as problem:
-        raise InputError(f"{directory}: cannot write the results: {_of_system(problem)}") from problem
+    with claimed(directory) if _has_folder(arguments) else nullcontext():
+        result = compute(demo_mesh() if arguments.mesh is None else arguments.mesh, options, running, shown)
+        try:
+            paths = _written(result, directory / stem, kinds, texture, arguments, signals, shown)
+        except OSError as problem:
+            raise InputError(f"{directory}: cannot write the results: {_of_system(problem)}") from problem
     return result, directory, paths
 
 
-def _told(result: Parameterization, seconds: float, directory: Path, paths: list[Path], arguments: argparse.Namespace) -> int:
+def _has_folder(arguments: argparse.Namespace) -> bool:
+    """Whether the usual results are written into a folder."""
+    return not arguments.output or arguments.output_dir is not None
+
+
+def _check_files(arguments: argparse.Namespace) -> None:
+    """Raise InputError where a file that is asked for has no format, or is the mesh."""
+    from pgcp.io.write import kind_of
+
+    for path in arguments.output:
+        kind_of(path)
+        if path.is_dir():
+            raise InputError(f"{path}: there is a folder of this name where a result should go")
+        if arguments.mesh is not None and path.exists() and arguments.mesh.exists() and path.samefile(arguments.mesh):
+            raise InputError(f"{path}: this would take the place of the mesh; choose another --output")
+
+
+def _written(
+    result: Result,
+    place: Path,
+    kinds: tuple[str, ...],
+    texture: bytes | None,
+    arguments: argparse.Namespace,
+    signals: Signals,
+    shown: Silent,
+) -> list[Path]:
+    """Draw and write what is asked for; ``place`` is the folder and the stem of the usual results. Returns the files."""
+    from pgcp.io.write import within, write_files, write_outputs
+    from pgcp.report.picture import draw
+
+    has_folder = _has_folder(arguments)
+    with_picture = (has_folder and not arguments.no_png) or any(path.suffix.lower() == ".png" for path in arguments.output)
+    shown("draw", 0, 0)
+    picture = draw(result) if with_picture else None
+    shown("draw", 1, 1)
+    shown("write", 0, 0)
+    layout = result.layout(arguments.uv, arguments.up)
+    paths = write_files(arguments.output, result, picture, signals.held(), layout, texture) if arguments.output else []
+    if has_folder:
+        if arguments.write is None and arguments.mesh is not None:
+            kinds = within(kinds, result, arguments.mesh.stat().st_size)
+        usual = None if arguments.no_png else picture
+        paths += write_outputs(place.parent, place.name, result, usual, signals.held(), kinds, layout, texture)
+    shown("write", 1, 1)
+    return paths
+
+
+def _told(result: Result, seconds: float, directory: Path, paths: list[Path], arguments: argparse.Namespace) -> int:
     """Say what a map is like; returns the exit status."""
     from pgcp.report.record import fold_message
+
+    where = str(directory) if _has_folder(arguments) else ", ".join(map(str, paths))
 
     if arguments.json:
         say(json.dumps(record(result, seconds, paths)))
     elif not arguments.quiet:
-        say(summary(result, seconds, directory))
+        say(summary(result, seconds, where))
     if not result.quality.folds:
         return GOOD
-    where = f"The results in {directory} are marked so (report.json: status folded)"
-    print(f"pgcp-run: {fold_message(result)}. {where}", file=sys.stderr)
+    marked = (
+        f"The results in {where} are marked so (report.json: status folded)"
+        if "report.json" in {path.name for path in paths}
+        else f"The results are in {where}"
+    )
+    print(f"pgcp-run: {fold_message(result)}. {marked}", file=sys.stderr)
     return NUMERICAL
 
 
@@ -212,6 +268,7 @@ def run() -> NoReturn:
     with suppress(OSError):
         sys.stdout.flush()
         sys.stderr.flush()
+    leave_nothing()
     drop_temporary_cache()
     leave(status)
     raise SystemExit(status)

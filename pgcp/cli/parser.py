@@ -11,7 +11,7 @@ from pgcp.cli.usage import Parser
 from pgcp.errors import InputError
 from pgcp.io.formats import DEFAULT_OUTPUTS, outputs, readable, suffixes_of, writable
 from pgcp.methods.registry import METHODS
-from pgcp.options import AUTO, BACKENDS, FLATTENERS, METHOD, MOEBIUS, POLISHES, REPAIRS, SEAMS, Options, Running
+from pgcp.options import AUTO, BACKENDS, FLATTENERS, METHOD, MOEBIUS, POLISHES, REPAIRS, SEAMS, UPS, UVS, Options, Running
 from pgcp.parallel import processor_count
 from pgcp.runtime.executors import EXECUTORS, may_have_workers
 from pgcp.targets.registry import TARGETS
@@ -54,6 +54,12 @@ def _map_options(group: argparse._ArgumentGroup) -> None:
         help=f"how the mesh is mapped (default {METHOD}, which serves every target); the others map the undivided mesh",
     )
     group.add_argument(
+        "--compare",
+        type=_names,
+        metavar="LIST",
+        help="map by several methods, all or a list of names, and print a table of the results instead of writing maps",
+    )
+    group.add_argument(
         "--patches", type=_number, metavar="K", help="number of patches; auto (default): by vertices, workers and memory"
     )
     group.add_argument("--centre", type=int, metavar="VERTEX", help="vertex at the disk's centre or the sphere's north pole")
@@ -61,7 +67,7 @@ def _map_options(group: argparse._ArgumentGroup) -> None:
         "--moebius", choices=MOEBIUS, default="auto", help="correct the finished map for least area or angle distortion"
     )
     group.add_argument(
-        "--polish", choices=POLISHES, default=AUTO, help="lower the angle errors of the finished map; auto: where it is quick"
+        "--polish", choices=POLISHES, default="none", help="lower the angle errors of the finished map; auto: where it is quick"
     )
     group.add_argument(
         "--no-overlap", action="store_true", help="where a free map overlaps itself, map to the disk instead, and say so"
@@ -69,14 +75,26 @@ def _map_options(group: argparse._ArgumentGroup) -> None:
 
 
 def _output_options(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "-o", "--output", type=Path, action="append", default=[], metavar="FILE",
+        help="write this file, what its suffix says (.obj, .glb, .vtp, .csv, .png and others, .obj.gz too), and no folder of "
+        "results where none is named; may be repeated",
+    )  # fmt: skip
     group.add_argument("--output-dir", type=Path, metavar="DIR", help="where results go (default <stem>_pgcp beside the mesh)")
+    group.add_argument(
+        "--uv",
+        choices=UVS,
+        default=UVS[0],
+        help="texture coordinates: unit, upright in the unit square; surface, the map's own",
+    )
+    group.add_argument("--up", choices=UPS, default=AUTO, help="the surface's axis that is up on the texture; auto: y or z")
+    group.add_argument("--texture", metavar="PICTURE", help="put a picture on OBJ and GLB files: checker, or an image file")
     names = ", ".join(kind.name for kind in writable())
     group.add_argument(
         "--write",
         type=_names,
-        default=DEFAULT_OUTPUTS,
         metavar="LIST",
-        help=f"formats of the results (default {','.join(DEFAULT_OUTPUTS)}), of {names}",
+        help=f"formats of the results (default {','.join(DEFAULT_OUTPUTS)}; of a large binary mesh no obj), of {names}",
     )
     group.add_argument("--no-obj", action="store_true", help="write no OBJ file")
     group.add_argument("--no-ply", action="store_true", help="write no PLY file")
@@ -185,7 +203,7 @@ def _names(text: str) -> tuple[str, ...]:
 def outputs_of(arguments: argparse.Namespace) -> tuple[str, ...]:
     """Names of the formats in which results are written."""
     left_out = {name for name, out in (("obj", arguments.no_obj), ("ply", arguments.no_ply)) if out}
-    return tuple(kind.name for kind in outputs(arguments.write) if kind.name not in left_out)
+    return tuple(kind.name for kind in outputs(arguments.write or DEFAULT_OUTPUTS) if kind.name not in left_out)
 
 
 def _workers_of(arguments: argparse.Namespace) -> int:

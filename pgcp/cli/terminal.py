@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pgcp.errors import InputError
+from pgcp.runtime.forks import leave_nothing
 
 GOOD, BUG, BAD_INPUT, NUMERICAL, STOPPED = 0, 1, 2, 3, 4
 
@@ -77,4 +78,11 @@ class Signals(AbstractContextManager["Signals"]):
         """Ignore them while results take the place of earlier ones; afterwards they end the process at once."""
         self._set(signal.SIG_IGN)
         yield
-        self._set(signal.SIG_DFL)
+        self._set(self._end)
+
+    @staticmethod
+    def _end(number: int, _frame: object) -> None:
+        """End the process as the signal does by itself, and leave nothing behind."""
+        leave_nothing()
+        signal.signal(number, signal.SIG_DFL)
+        os.kill(os.getpid(), number)

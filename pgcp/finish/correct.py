@@ -79,7 +79,10 @@ class Setting:
 
 def _least_area(here: Setting) -> FloatArray:
     mesh, positions = here.mesh, here.positions
-    sample = AreaSample(face_areas(mesh.vertices, mesh.faces), face_areas(here.space.in_space(positions), mesh.faces))
+    surface, image = (face_areas(points, mesh.faces) for points in (mesh.vertices, here.space.in_space(positions)))
+    if not ((surface > 0.0) & (image > 0.0)).any():  # all images are too small for an area
+        return np.zeros(here.family.parameters)
+    sample = AreaSample(surface, image)
     b = here.family.least_area(positions[mesh.faces[sample.chosen]].mean(axis=1), sample)
     size = float(np.linalg.norm(b))
     return b * (np.arctanh(min(size, _LONGEST)) / size) if size > 0 else b

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from pgcp.finish.descent import descend
+from pgcp.finish.descent import descend, settled
 from pgcp.finish.families import Family
 from pgcp.plane.space import Space
 from pgcp.surface.distortion import corner_angles
@@ -124,4 +124,4 @@ def least_angle(mesh: Mesh, space: Space, positions: Positions, face_ids: IntArr
     best = sorted(found, key=lambda pair: pair[0])[:_FOLLOWED]
     found = [descend(more.with_slope, v, _LONGEST_STEP, _ROUGH_STEPS, _ROUGH_GAIN) for _, v in best]
     nearest = min(found, key=lambda pair: pair[0])[1]
-    return descend(whole.with_slope, nearest, 0.1 * _LONGEST_STEP, _STEPS, _GAIN)[1]
+    return settled(whole.error, descend(whole.with_slope, nearest, 0.1 * _LONGEST_STEP, _STEPS, _GAIN)[1])

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pgcp.finish.descent import descend
+from pgcp.finish.descent import descend, refined
 from pgcp.types import ComplexArray, FloatArray
 
 _SMOOTH = 1e-2
@@ -78,7 +78,7 @@ def _least_area(sample: AreaSample, growth: Callable[[FloatArray], tuple[FloatAr
         return value, gradient @ jacobian
 
     _, found = descend(objective, np.zeros(k), _LONGEST_STEP, _STEPS, _GAIN)
-    return _pulled_in(found)[0]
+    return _pulled_in(refined(objective, found))[0]
 
 
 def least_area_shift(z: ComplexArray, sample: AreaSample) -> complex:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from itertools import permutations, product
 
 import numba
 import numpy as np
@@ -16,6 +17,8 @@ from pgcp.surface.operators import face_areas
 from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, Positions
 
 _INSIDE = 1e-14
+_TINY_EDGE = 1e-7
+_CROWDED = 1e-6  # smallest edge to the largest distance: from there on ten digits are not kept
 
 
 @numba.njit(cache=True, nogil=True)
@@ -50,14 +53,23 @@ def _moments(vertices: FloatArray, points: FloatArray, faces: IntArray) -> Float
     return total
 
 
+def _towards_surface(mesh: Mesh, points: FloatArray) -> FloatArray:
+    """The matrix M (3, 3) for which a rotation R that brings points @ R closest to the surface makes trace(R^T M) largest.
+
+    The surface's faces are seen from its centre and weighted by area.
+    """
+    parts = in_slices(lambda begin, end: _moments(mesh.vertices, points, mesh.faces[begin:end]), len(mesh.faces))
+    total = np.sum(parts, axis=0)
+    out: FloatArray = total[1:, 1:] - np.outer(total[1:, 0], total[0, 1:]) / total[0, 0]
+    return out
+
+
 def turn_to_surface(mesh: Mesh, points: FloatArray) -> FloatArray:
     """Rotate a map to the sphere (V, 3) so that it faces the way the surface does.
 
     The rotation that brings the points closest to the directions of the surface's faces from its centre, weighted by area.
     """
-    parts = in_slices(lambda begin, end: _moments(mesh.vertices, points, mesh.faces[begin:end]), len(mesh.faces))
-    total = np.sum(parts, axis=0)
-    u, _, v = np.linalg.svd(total[1:, 1:] - np.outer(total[1:, 0], total[0, 1:]) / total[0, 0])
+    u, _, v = np.linalg.svd(_towards_surface(mesh, points))
     turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
     turned: FloatArray = points @ turn
     turned /= np.sqrt(np.einsum("ij,ij->i", turned, turned))[:, None]
@@ -74,18 +86,32 @@ class Unplaced:
     used: BoolArray
 
 
+@numba.njit(cache=True, nogil=True)
+def _smallest_face(faces: IntArray, z: ComplexArray) -> tuple[int, float]:
+    """First corner and first edge's length of the face for which that edge is shortest."""
+    best, least = 0, np.inf
+    for f in range(faces.shape[0]):
+        length = abs(z[faces[f, 1]] - z[faces[f, 0]])
+        if length < least:
+            best, least = faces[f, 0], length
+    return best, least
+
+
 def place_free(done: Unplaced, centre: int | None = None) -> FloatArray:
     """Coordinates (V, 2): total area as on the surface, boundary centred at the origin, its long axis horizontal.
 
-    There is no ``centre`` to bring a vertex to.
+    Where some part is so small that its coordinates would lose digits there, the smallest one is at the origin instead. There
+    is no ``centre`` to bring a vertex to.
     """
     del centre
     mesh, z, boundary = done.mesh, done.positions, done.boundary
     middle = z[boundary].mean()
+    tip, size = _smallest_face(mesh.faces, z)
+    origin = z[tip] if size < _CROWDED * np.abs(z[boundary] - middle).max() else middle
     axis = np.exp(-0.5j * np.angle(np.sum((z[boundary] - middle) ** 2)))
     image = abs(signed_area(mesh.faces, z))
     surface = sum(in_slices(lambda begin, end: face_areas(mesh.vertices, mesh.faces[begin:end]).sum(), len(mesh.faces)))
-    placed = z - middle
+    placed = z - origin
     placed *= axis * (np.sqrt(surface / image) if image > 0 else 1.0)
     return as_coordinates(placed, done.used)
 
@@ -117,10 +143,56 @@ def place_disk(done: Unplaced, centre: int | None = None) -> FloatArray:
     return as_coordinates(z, done.used)
 
 
+@numba.njit(cache=True, nogil=True)
+def _crowds_at_an_axis(faces: IntArray, points: FloatArray) -> bool:
+    """Whether the image (V, 3) has an edge at the end of an axis that is so short that its ends have few digits elsewhere."""
+    for f in range(faces.shape[0]):
+        a, b = faces[f, 0], faces[f, 1]
+        square = 0.0
+        for d in range(3):
+            square += (points[b, d] - points[a, d]) ** 2
+        if square < _TINY_EDGE**2 and np.abs(points[a]).max() > 1.0 - _TINY_EDGE:
+            return True
+    return False
+
+
 def place_sphere(done: Unplaced, centre: int | None = None) -> FloatArray:
-    """Unit vectors (V, 3) that face the way the surface does, or with a vertex at the north pole."""
+    """Unit vectors (V, 3) that face the way the surface does, or with a vertex at the north pole.
+
+    Where parts are crowded at an end of an axis the map is turned by axes only (see ``turn_by_axes``).
+    """
+    if centre is None and _crowds_at_an_axis(done.mesh.faces, done.positions):
+        return turn_by_axes(done)
     coordinates = turn_to_surface(done.mesh, done.positions)
     if centre is not None:
         coordinates = coordinates @ rotation_to_north(coordinates[centre]).T
     coordinates[~done.used] = [0.0, 0.0, 1.0]
     return coordinates
+
+
+def turn_by_axes(done: Unplaced) -> FloatArray:
+    """Unit vectors (V, 3), turned by that of the 24 rotations that exchange axes which faces the surface best.
+
+    Nothing is rounded, so what is crowded at an axis point stays as it is.
+    """
+    matrix = _towards_surface(done.mesh, done.positions)
+    turns = [np.diag(signs)[:, order] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]
+    turn = max((t for t in turns if np.linalg.det(t) > 0.0), key=lambda t: float((t * matrix).sum()))
+    columns = np.argmax(np.abs(turn), axis=0)
+    coordinates: FloatArray = done.positions[:, columns] * turn[columns, range(3)]
+    coordinates[~done.used] = [0.0, 0.0, 1.0]
+    return coordinates
+
+
+def as_they_are(done: Unplaced) -> FloatArray:
+    """Coordinates (V, 2) where the map has them."""
+    return as_coordinates(done.positions, done.used)
+
+
+def scale_only(done: Unplaced) -> FloatArray:
+    """Coordinates (V, 2), scaled by a power of two so that their area is that of the surface to a factor of four."""
+    mesh = done.mesh
+    image = abs(signed_area(mesh.faces, done.positions))
+    surface = sum(in_slices(lambda begin, end: face_areas(mesh.vertices, mesh.faces[begin:end]).sum(), len(mesh.faces)))
+    exponent = int(np.round(0.5 * np.log2(surface / image))) if image > 0 else 0
+    return as_coordinates(done.positions * complex(2.0**exponent), done.used)

@@ -19,6 +19,7 @@ import numpy as np
 
 from pgcp.errors import SolveFailedError
 from pgcp.folds.embed import drawn_back, embed_disk, embed_sphere
+from pgcp.folds.grid import grid_sphere
 from pgcp.folds.regions import Region, averaged, can_be_solved, composed, regions_around, relaxed, whole_regions
 from pgcp.folds.untangle import untangle
 from pgcp.plane.space import Space, find_folds
@@ -136,7 +137,23 @@ def _embedded(here: Surroundings, points: Positions) -> Positions:
         safe = _safe(here, points, uniform)
         if safe is not None and len(here.folds(safe)) == 0:
             return drawn_back(here.space, here.mesh.faces, safe, points, here.fixed("embed"))
+    safe = _on_grid(here)
+    if safe is not None and len(here.folds(safe)) == 0:
+        return drawn_back(here.space, here.mesh.faces, safe, points, here.fixed("embed"))
     return points
+
+
+def _on_grid(here: Surroundings) -> Positions | None:
+    """The embedding into the sphere that rounding cannot fold, None in the plane."""
+    if not here.space.closed:
+        return None
+    used, local = np.unique(here.mesh.faces, return_inverse=True)
+    out = here.space.origin(len(here.mesh.vertices))
+    try:
+        out[used] = grid_sphere(local.reshape(-1, 3), len(used), 0)
+    except SolveFailedError:
+        return None
+    return out
 
 
 def embedding_alone(here: Surroundings) -> Positions:
@@ -152,7 +169,7 @@ def embedding_alone(here: Surroundings) -> Positions:
         start: Positions = np.where(size[:, None] > 0, away / np.where(size > 0, size, 1.0)[:, None], [0.0, 0.0, 1.0])
     else:
         loop = mesh.vertices[here.boundary]
-        lengths = np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1) + here.mollification
+        lengths = np.maximum(np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1), here.mollification)
         lengths = np.maximum(lengths, _SHORTEST * lengths.sum())
         start = np.zeros(len(mesh.vertices), np.complex128)
         start[here.boundary] = np.exp(2j * np.pi * (np.cumsum(lengths) - lengths[0]) / lengths.sum())
@@ -160,6 +177,9 @@ def embedding_alone(here: Surroundings) -> Positions:
     if wanted is not None and len(here.folds(wanted)) == 0:
         return wanted
     safe = _safe(here, start, True)
+    if safe is None or len(here.folds(safe)) > 0:
+        grid = _on_grid(here)
+        safe = safe if grid is None else grid
     if safe is None:
         raise SolveFailedError("the embedding with uniform weights is not finite")
     if wanted is None or len(here.folds(safe)) > 0:

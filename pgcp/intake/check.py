@@ -14,7 +14,8 @@ import numpy as np
 from pgcp.errors import DegenerateError, InputError, NotManifoldError, NotSimplyConnectedError
 from pgcp.intake.mend import Mended, mend
 from pgcp.parallel import beside
-from pgcp.surface.operators import face_areas, needed_mollification
+from pgcp.surface import plain
+from pgcp.surface.operators import looked_at_areas, needed_mollification
 from pgcp.surface.topology import Topology, examine
 from pgcp.types import FloatArray, IntArray, Mesh
 
@@ -24,6 +25,7 @@ _PILLOW = (
     "needs four vertices"
 )
 _FAR = 1e4
+_AWAY = 1.5  # sizes from the origin: there all coordinates are within a factor of two, and differ by numbers without error
 
 
 class Asked(Protocol):
@@ -53,7 +55,7 @@ def measure(mesh: Mesh) -> Geometry:
     """Move a mesh to the origin and scale it, and see what its faces are; raises DegenerateError where they are one point."""
     moved, unit = unit_mesh(mesh)
     bare = moved.bare
-    flat = int(np.count_nonzero(~(face_areas(bare.vertices, bare.faces) > 0.0)))
+    flat = int(np.count_nonzero(~(looked_at_areas(bare.vertices, bare.faces) > 0.0)))
     return Geometry(moved, unit, needed_mollification(moved.vertices, moved.faces), flat)
 
 
@@ -165,19 +167,22 @@ def _lost_digits(mesh: Mesh) -> str:
 
 
 def unit_mesh(mesh: Mesh) -> tuple[Mesh, float]:
-    """The mesh moved to the origin and scaled by a power of two to a size of about 1, and that power of two.
+    """The mesh moved near the origin and scaled by a power of two to a size of about 1, and that power of two.
 
-    Results then depend neither on the unit of length nor on the place. Raises DegenerateError where all vertices coincide.
+    Results then depend neither on the unit of length nor, but for rounding, on the place. Nothing is rounded here: along an
+    axis on which the mesh is not far from the origin it stays where it is. Raises DegenerateError where all vertices coincide.
     """
     largest = float(max(mesh.vertices.max(), -mesh.vertices.min()))
     exponent = int(np.frexp(largest)[1])
     points = np.ldexp(mesh.vertices, -exponent)
-    low, high = _extent(points, mesh.faces)
+    look = plain.extent if plain.is_few(mesh.faces, _extent) else _extent
+    low, high = look(points, mesh.faces)
     size = float((high - low).max())
     if not size > 0.0:
         raise DegenerateError(f"{mesh.name}: all faces have zero area")
     more = int(np.frexp(size)[1])
-    points -= 0.5 * (low + high)
+    middle = 0.5 * (low + high)
+    points -= np.where(np.abs(middle) > _AWAY * (high - low), middle, 0.0)
     np.ldexp(points, -more, out=points)
     return Mesh(points, mesh.faces, mesh.name, mesh.filler), float(np.ldexp(1.0, exponent + more))
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from pgcp.surface.operators import face_areas
+from pgcp.surface import plain
+from pgcp.surface.operators import looked_at_areas
 from pgcp.types import BoolArray, FloatArray, IntArray
 
 _LARGEST = 0.1
@@ -19,7 +20,7 @@ _ROUND = 0.01
 def hole_shares(points: FloatArray, faces: IntArray, loops: tuple[IntArray, ...]) -> FloatArray:
     """Size of every loop (N,): the area of a flat disk with its length, over the surface's area."""
     lengths = np.array([np.linalg.norm(points[np.roll(loop, -1)] - points[loop], axis=1).sum() for loop in loops])
-    area = float(face_areas(points, faces).sum())
+    area = float(looked_at_areas(points, faces).sum())
     return lengths**2 / (4.0 * np.pi * max(area, 1e-300))
 
 
@@ -79,6 +80,34 @@ def _optimal(p: FloatArray, taken: BoolArray) -> IntArray:
     return best
 
 
+def _plain_weights(p: FloatArray, i: IntArray, j: IntArray, k: IntArray) -> FloatArray:
+    """Costs of triangles as ``_weight`` has them."""
+    u, v, w = (p[j] - p[i]).T, (p[k] - p[i]).T, (p[k] - p[j]).T
+    x, y, z = u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
+    area = 0.5 * np.sqrt(x * x + y * y + z * z)
+    squares = [e[0] * e[0] + e[1] * e[1] + e[2] * e[2] for e in (u, v, w)]
+    needle = area <= _NEEDLE * np.maximum(np.maximum(squares[0], squares[1]), squares[2])
+    total: FloatArray = area + _ROUND * (squares[0] + squares[1] + squares[2]) + np.where(needle, 1.0 * len(p), 0.0)
+    return total
+
+
+def _plain_optimal(p: FloatArray, taken: BoolArray) -> IntArray:
+    """What ``_optimal`` returns, all chords of one span at a time: nothing has to be compiled."""
+    n = len(p)
+    cost, best = np.full((n, n), np.inf), np.full((n, n), -1, np.int64)
+    cost[np.arange(n - 1), np.arange(1, n)] = 0.0
+    for span in range(2, n):
+        i = np.arange(n - span)
+        j, m = i + span, i[:, None] + np.arange(1, span)
+        ends = [np.broadcast_to(end[:, None], m.shape).reshape(-1) for end in (i, j)]
+        total = cost[i[:, None], m] + cost[m, j[:, None]] + _plain_weights(p, ends[0], m.reshape(-1), ends[1]).reshape(m.shape)
+        least = np.argmin(total, axis=1)
+        value = total[i, least]
+        good = np.isfinite(value) & ~(taken[i, j] & (span < n - 1))
+        cost[i[good], j[good]], best[i[good], j[good]] = value[good], m[i, least][good]
+    return best
+
+
 @numba.njit(cache=True)
 def _clip_ears(p: FloatArray, taken: BoolArray, most: int) -> tuple[IntArray, IntArray]:
     """Cut off the cheapest ear again and again until ``most`` corners are left; triangles (m, 3) and the corners left.
@@ -122,7 +151,7 @@ def triangulate_loop(points: FloatArray, taken: BoolArray) -> IntArray | None:
         ears, left = _clip_ears(scaled, taken, _MOST_OPTIMAL)
         if len(left) > _MOST_OPTIMAL:
             return None
-    best = _optimal(scaled[left], taken[np.ix_(left, left)])
+    best = (_plain_optimal if plain.is_few(left, _optimal) else _optimal)(scaled[left], taken[np.ix_(left, left)])
     triangles, stack = [], [(0, len(left) - 1)]
     while stack:
         i, j = stack.pop()

@@ -10,11 +10,13 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from pgcp.surface.operators import face_areas
+from pgcp.surface import plain
+from pgcp.surface.operators import looked_at_areas
 from pgcp.surface.topology import BOUNDARY, NON_MANIFOLD, pair_half_edges
 from pgcp.types import BoolArray, FloatArray, IntArray
 
 _MOST_FACES = 32
+_FEW_PAIRS = 10_000
 _TIE_DIGITS = 9
 _OTHER_SHEET = np.pi
 
@@ -131,7 +133,7 @@ def sheets(points: FloatArray, faces: IntArray, twins: IntArray) -> tuple[IntArr
     lower = np.minimum(front, back)
     component = (np.cumsum(np.bincount(lower) > 0) - 1)[lower]
     turned = front > back
-    areas = face_areas(points, faces)
+    areas = looked_at_areas(points, faces)
     balance = np.bincount(component, np.where(turned, -areas, areas))
     one_sided = np.bincount(component, front == back) > 0
     return component, turned ^ (balance < 0.0)[component], one_sided
@@ -174,7 +176,8 @@ def split_fans(
 
     The largest fan keeps the vertex, others get copies of it. allowed (n,): vertices that may be split, None for all.
     """
-    root = _fans(np.ascontiguousarray(faces, np.int64), twins)
+    faces = np.ascontiguousarray(faces, np.int64)
+    root = (plain.fans if plain.is_few(faces, _fans) else _fans)(faces, twins)
     flat = faces.reshape(-1).astype(np.int64)
     first = np.flatnonzero(root == np.arange(len(root)))
     size = np.bincount(root, minlength=len(root))[first]
@@ -270,7 +273,9 @@ def _best_pairs(points: FloatArray, faces: IntArray, twins: IntArray, crowded: I
     cost = np.where(low == high, turn, mean + _OTHER_SHEET)
     order = np.lexsort((two, one, np.round(cost, _TIE_DIGITS)))
     edge = np.unique(keys, return_inverse=True)[1].reshape(-1)
-    return _choose_pairs(one[order], two[order], odd[order], sheet, edge, int(component.max()) + 1, most)
+    # compiling takes longer than this takes without, where pairs are few
+    choose = _choose_pairs.py_func if len(one) <= _FEW_PAIRS and plain.is_few(one, _choose_pairs) else _choose_pairs
+    return choose(one[order], two[order], odd[order], sheet, edge, int(component.max()) + 1, most)
 
 
 def _free(twins: IntArray, faces: IntArray) -> None:

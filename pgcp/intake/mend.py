@@ -22,7 +22,7 @@ from pgcp.intake.manifold import (
     turn_faces,
     weld_open,
 )
-from pgcp.surface.operators import face_areas
+from pgcp.surface.operators import looked_at_areas
 from pgcp.surface.topology import Topology, examine, pair_half_edges
 from pgcp.types import BoolArray, FloatArray, IntArray, Mesh
 
@@ -172,7 +172,7 @@ class _Plan:
         if count == 1:
             return
         sizes = np.bincount(component)
-        areas = np.bincount(component, face_areas(self.points[self.vertex_of], self.faces))
+        areas = np.bincount(component, looked_at_areas(self.points[self.vertex_of], self.faces))
         largest = np.lexsort((-areas, -sizes))[0]
         what = f"the largest of {count} components ({sizes[largest]} of {len(self.faces)} faces)"
         self._note("keep", len(self.faces) - int(sizes[largest]), what)

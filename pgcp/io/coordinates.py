@@ -12,6 +12,7 @@ def coordinates_of(result: Parameterization) -> tuple[str, FloatArray]:
     return result.coordinates_name, result.coordinates
 
 
-def image_of(values: FloatArray) -> FloatArray:
-    """Points (V, 3) of coordinates: those of the plane at z = 0."""
-    return np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
+def image_of(values: FloatArray, radius: float = 1.0) -> FloatArray:
+    """Points (V, 3) of coordinates: those of the plane at z = 0, those of the sphere at a distance."""
+    columns = values.shape[1]
+    return values * radius if columns == 3 else np.pad(values, ((0, 0), (0, 3 - columns)))

@@ -11,6 +11,8 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import IO
 
+from pgcp.errors import InputError
+
 try:
     import fcntl
 except ImportError:  # no locks: nothing is known of what others still write, so nothing is cleaned away
@@ -44,6 +46,47 @@ def abandoned(path: Path) -> Iterator[bool]:
         yield lock(handle) is True
     finally:
         os.close(handle)
+
+
+@contextlib.contextmanager
+def claimed(directory: Path) -> Iterator[None]:
+    """Keep other runs out of a directory, made as needed, inside; what was made goes again where nothing was put there.
+
+    The lock is on the directory itself and ends with the process. Raises InputError where another run has it, or where it
+    cannot be made.
+    """
+    made = [folder for folder in (directory, *directory.parents) if not folder.exists()]
+    try:
+        handle = _locked(directory)
+        try:
+            yield
+        finally:
+            if handle >= 0:
+                os.close(handle)
+    finally:
+        for folder in made:
+            with contextlib.suppress(OSError):  # it holds results
+                folder.rmdir()
+
+
+def _locked(directory: Path) -> int:
+    """The open lock of a directory, made as needed; -1 where there are no locks."""
+    while True:
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+            handle = os.open(directory, os.O_RDONLY)
+        except FileNotFoundError:  # removed just now
+            continue
+        except OSError as problem:
+            if directory.is_dir():  # a system that opens none, or one that may be written, not read
+                return -1
+            raise InputError(f"{directory}: cannot write the results: {problem.strerror}") from problem
+        if lock(handle) is not False:
+            return handle
+        is_gone = os.fstat(handle).st_nlink == 0
+        os.close(handle)
+        if not is_gone:
+            raise InputError(f"{directory}: another run writes its results here; wait for it, or choose another folder")
 
 
 class _Part(AbstractContextManager["_Part"]):

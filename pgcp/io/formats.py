@@ -32,13 +32,18 @@ class Format:
     read(data, beside): vertices (V, 3) float64 and faces (F, 3) integers from a file's bytes; ``beside(name)`` gives the bytes
     of another file of the same folder; raises BadFileError with a sentence. None where the format is not read.
     write(stream, arrays): writes "faces" (F, 3), and of the arrays named in ``carries`` those that there are. None where the
-    format is not written.
+    format is not written. A key "in_doubles" says that coordinates should not be rounded to 32-bit floats.
     carries: which arrays a written file holds beside the faces: "vertices" (V, 3) of the surface; the map's coordinates, "uv"
-    (V, 2) in the plane or "sphere" (V, 3); "patch" and "mu" (F,); "vertex_of" (V,) and "face_of" (F,) of a fixed mesh. Where a
-    format has no place for the map's coordinates beside the vertices, they take the place of the vertices: the mesh is then
-    the image of the map.
+    (V, 2) in the plane or "sphere" (V, 3); "patch" and "mu" (F,); "vertex_of" (V,) and "face_of" (F,) of a fixed mesh; what a
+    Result measures by vertex or face, under its name; "normals" (V, 3) of the surface. Where a format has no place for the
+    map's coordinates beside the vertices, they take the place of the vertices: the mesh is then the image of the map. With
+    "uv_faces" (F, 3) a format numbers texture coordinates apart from vertices; without it vertices are repeated along cuts.
     looks: a regular expression that matches how such files begin, and what they are called where their name is wrong.
     needs: packages, as they are installed, that pgcp does without where the format is not used.
+    textured(stream, arrays, stem, png): writes the same with a picture as the surface's texture, in a file called ``stem``;
+    returns the contents of files beside it by name. None where a format has no textures.
+    is_exact: whether "uv" are the map's own coordinates, not those of the texture. sphere_radius: of the sphere, where the mesh
+    is the image of the map.
     """
 
     name: str
@@ -49,6 +54,9 @@ class Format:
     carries: tuple[str, ...] = (VERTICES,)
     looks: tuple[bytes, str] | None = None
     needs: tuple[str, ...] = ()
+    textured: Callable[[IO[bytes], Arrays, str, bytes], dict[str, bytes]] | None = None
+    is_exact: bool = False
+    sphere_radius: float = 1.0
 
     def check_packages(self, doing: str) -> None:
         """Raise InputError where a package is not installed that ``doing`` ("reading" or "writing") needs."""
@@ -94,6 +102,12 @@ def writable() -> tuple[Format, ...]:
 def of_suffix(suffix: str, kinds: Collection[Format]) -> Format | None:
     """The one of these formats whose files end so, in capitals or not."""
     return next((kind for kind in kinds if suffix.lower() in kind.suffixes), None)
+
+
+def of_name(name: str, kinds: Collection[Format]) -> Format | None:
+    """The one of these formats that a file's name stands for: the longest suffix counts."""
+    fitting = [(len(suffix), kind) for kind in kinds for suffix in kind.suffixes if name.lower().endswith(suffix)]
+    return max(fitting, key=lambda found: found[0])[1] if fitting else None
 
 
 def suffixes_of(kinds: Collection[Format]) -> str:

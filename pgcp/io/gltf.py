@@ -12,7 +12,6 @@ import math
 import re
 import struct
 from collections.abc import Iterator
-from functools import partial
 from typing import Any
 from urllib.parse import unquote
 
@@ -20,8 +19,8 @@ import numpy as np
 
 from pgcp.errors import BadFileError
 from pgcp.io.formats import Beside, Format, register
+from pgcp.io.gltf_write import write_glb, write_textured_glb
 from pgcp.io.text import joined, shown
-from pgcp.io.trimesh_bridge import write_by_trimesh
 from pgcp.types import FloatArray, IntArray
 
 _GLB_HEAD, _JSON, _BIN = 12, 0x4E4F534A, 0x004E4942
@@ -291,10 +290,11 @@ register(
     Format(
         name="glb",
         suffixes=(".glb",),
-        summary="the triangles of a binary glTF 2.0 scene; written with the map in the plane as TEXCOORD_0, in 32-bit floats",
+        summary="the triangles of a binary glTF 2.0 scene; written in 32-bit floats with the map as TEXCOORD_0",
         read=read_gltf,
-        write=partial(write_by_trimesh, kind="glb"),
-        carries=("vertices", "uv"),
+        write=write_glb,
+        carries=("vertices", "uv", "normals"),
+        textured=write_textured_glb,
         looks=(rb"glTF", "GLB"),
     )
 )

@@ -21,5 +21,6 @@ register(
         summary="arrays for numpy.load: the map's coordinates, faces, patches and Beltrami coefficients in full precision",
         write=write_npz,
         carries=("uv", "sphere", "patch", "mu", "vertex_of", "face_of"),
+        is_exact=True,
     )
 )

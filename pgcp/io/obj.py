@@ -127,24 +127,34 @@ def _wrong_corner(numbers: Sequence[int], rows: list[bytes]) -> BadFileError:
 
 
 def write_obj(stream: IO[bytes], arrays: Arrays) -> None:
-    """Write an OBJ file with nine digits of every number; uv become ``vt``, numbered as the vertices."""
+    """Write an OBJ file with nine digits of every number; uv become ``vt``, numbered as the vertices or by "uv_faces"."""
     for head, source in ((b"v", "vertices"), (b"vt", "uv")):
         points = arrays.get(source, np.empty((0, 2)))
         for start in range(0, len(points), CHUNK):
             stream.write(as_lines(head, nine_digits(points[start : start + CHUNK])))
-    times, between = (2, b"/ / /") if "uv" in arrays else (1, b" ")
+    numbers = [arrays["faces"], arrays.get("uv_faces", arrays["faces"])] if "uv" in arrays else [arrays["faces"]]
+    between = b"/ / /" if "uv" in arrays else b" "
     for start in range(0, len(arrays["faces"]), CHUNK):
-        numbers = arrays["faces"][start : start + CHUNK] + 1
-        stream.write(as_lines(b"f", np.repeat(numbers, times, axis=1), between))
+        corners = np.stack([ids[start : start + CHUNK] + 1 for ids in numbers], axis=2)
+        stream.write(as_lines(b"f", corners.reshape(len(corners), -1), between))
+
+
+def write_textured_obj(stream: IO[bytes], arrays: Arrays, stem: str, png: bytes) -> dict[str, bytes]:
+    """Write an OBJ file with a material; returns the material's file and its picture, by name."""
+    stream.write(f"mtllib {stem}.mtl\nusemtl texture\n".encode())
+    write_obj(stream, arrays)
+    material = f"newmtl texture\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {stem}_texture.png\n"
+    return {f"{stem}.mtl": material.encode(), f"{stem}_texture.png": png}
 
 
 register(
     Format(
         name="obj",
         suffixes=(".obj",),
-        summary="vertices and triangles; written with the map in the plane as vt, the texture coordinates",
+        summary="vertices and triangles; written with vt, the texture coordinates of the map",
         read=read_obj,
         write=write_obj,
-        carries=("vertices", "uv"),
+        carries=("vertices", "uv", "uv_faces"),
+        textured=write_textured_obj,
     )
 )

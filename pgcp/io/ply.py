@@ -25,7 +25,9 @@ _RUN = 1024  # rows of lists of changing length that are read one by one at a ti
 _MOST_AHEAD = 1 << 22  # rows of one shape that are read at once
 _LARGEST_ROW = 1 << 20
 # vertex properties of a file that is written: where their values come from, their names and their type
-_WRITTEN = {"vertices": ("<f8", ("x", "y", "z")), "uv": ("<f4", ("s", "t")), "sphere": ("<f8", ("sx", "sy", "sz"))}
+_WRITTEN: dict[str, tuple[str, tuple[str, ...]]] = {
+    "vertices": ("<f8", ("x", "y", "z")), "uv": ("<f4", ("s", "t")), "sphere": ("<f8", ("sx", "sy", "sz")),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -329,11 +331,23 @@ def _written_header(vertices: int, faces: int, fields: list[tuple[str, str]]) ->
     return "\n".join(header).encode()
 
 
+def _are_single(points: FloatArray) -> bool:
+    """Whether all coordinates are numbers of single precision."""
+    chunks = (points[start : start + CHUNK] for start in range(0, len(points), CHUNK))
+    with np.errstate(over="ignore"):
+        return all(np.array_equal(chunk, chunk.astype(np.float32)) for chunk in chunks)
+
+
 def write_ply(stream: IO[bytes], arrays: Arrays) -> None:
-    """Write a binary PLY file; uv become ``s, t``, coordinates on the sphere ``sx, sy, sz``."""
+    """Write a binary PLY file; uv become ``s, t``, coordinates on the sphere ``sx, sy, sz``.
+
+    Vertices are written in single precision where that is exact. s and t are floats, or doubles where the arrays have a key
+    "in_doubles".
+    """
     count, triangles = len(arrays["vertices"]), arrays["faces"]
+    single = {"vertices": "<f4"} if _are_single(arrays["vertices"]) else {}
     columns = [
-        (name, kind, arrays[source][:, axis])
+        (name, single.get(source, "<f8" if "in_doubles" in arrays else kind), arrays[source][:, axis])
         for source, (kind, names) in _WRITTEN.items()
         if source in arrays
         for axis, name in enumerate(names)

@@ -14,6 +14,7 @@ from pgcp.surface.topology import loop_edges
 _CROWDED = 1e-12
 _FLOOR = 2e-14
 _LOST = 1e-18
+_TRIANGLE = 3
 _TOO_LONG = (
     "the surface has parts so long and thin that they would span less of the unit circle than double precision can tell; "
     "target free can map it"
@@ -38,6 +39,8 @@ def constrain_to_disk(union: Component) -> SeamPositions:
     inner = on_mesh.copy()
     inner[union.loop] = False
     inside = np.flatnonzero(inner)
+    if len(union.corners) == _TRIANGLE and len(inside) == 0:
+        return _around_triangle(union)
     plane = geodesic_map(union.z[union.loop], union.z[inside])
     if isinstance(plane, int):
         if not crosses_itself(union.z[union.loop]):
@@ -64,6 +67,18 @@ def constrain_to_disk(union: Component) -> SeamPositions:
         raise WeldFailedError("the map of the welded union to the disk is not finite")
     ids = np.concatenate([union.nodes[union.loop[corners]], union.nodes[inside]])
     return SeamPositions(ids, z, smallest, int(tight.sum()))
+
+
+def _around_triangle(union: Component) -> SeamPositions:
+    """Three boundary points as they are, on the circle through them: any three points of the circle go to any others."""
+    ids = union.loop[union.corners]
+    a, b, c = union.z[ids]
+    angles = np.angle(np.array([(b - a) / (c - a), (c - b) / (a - b), (a - c) / (b - c)]).conj())
+    gaps = 2.0 * np.abs(angles[[2, 0, 1]])
+    z = np.exp(2j * np.pi * np.concatenate([[0.0], np.cumsum(gaps[:-1])]) / gaps.sum())
+    if not np.isfinite(z).all() or not gaps.min() > _FLOOR:
+        raise CrowdedError(_TOO_LONG)
+    return SeamPositions(union.nodes[ids], z, float(gaps.min()))
 
 
 def constrain_to_sphere(union: Component) -> SeamPositions:

@@ -133,7 +133,7 @@ def _outside(patch: Patch, boundary: FloatArray, preferred: FloatArray | None = 
     taken.
     """
     surface = patch.vertices[patch.boundary]
-    lengths = np.linalg.norm(np.roll(surface, -1, axis=0) - surface, axis=1) + patch.mollification
+    lengths = np.maximum(np.linalg.norm(np.roll(surface, -1, axis=0) - surface, axis=1), patch.mollification)
     with np.errstate(divide="ignore", invalid="ignore"):
         log_ratio = np.log(np.linalg.norm(np.roll(boundary, -1, axis=0) - boundary, axis=1) / lengths)
     candidates = _even_directions(_DIRECTIONS)

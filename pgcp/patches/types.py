@@ -35,7 +35,7 @@ class Patch:
     vertices (Vp, 3); faces (Fp, 3) local; vertex_ids (Vp,) and face_ids (Fp,) in the mesh;
     boundary (Bp,) local ids, counter-clockwise, from the lowest mesh vertex id on it;
     parts (Bp,) into how many parts the edge from each of them on is subdivided for welding; mollification: how much
-    longer every edge is taken to be, 0 where every face has an area.
+    longer edges of faces without area are taken to be at the most, 0 where every face has an area.
     """
 
     index: int
@@ -64,7 +64,7 @@ class EdgeTable:
 
     ``parts`` says into how many equal parts each edge is subdivided for welding, the same from either side. The node
     inserted as the t-th from the lower vertex has a number of its own, from vertex_count upwards. Every edge is taken to
-    be longer by ``mollification``.
+    be at least ``mollification`` long.
     """
 
     keys: IntArray

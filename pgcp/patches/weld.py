@@ -51,7 +51,7 @@ def start_component(curve: BoundaryCurve, vertices: FloatArray, table: EdgeTable
     after = np.roll(ids, -1)
     rank = table.rank(ids, after)
     parts = table.parts[rank]
-    lengths = np.linalg.norm(vertices[after] - vertices[ids], axis=1) + table.mollification
+    lengths = np.maximum(np.linalg.norm(vertices[after] - vertices[ids], axis=1), table.mollification)
     edge, t = _edge_and_step(parts)
     from_lower = np.where((ids < after)[edge], t, parts[edge] - t)
     n = len(edge)

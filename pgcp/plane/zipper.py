@@ -341,7 +341,7 @@ def close_arcs(upper: FloatArray, lower: FloatArray, others: ComplexArray) -> tu
     return parts[0][0], np.concatenate([moved for _, moved, _ in parts]), parts[0][2]
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _scale_variation(
     tails: ComplexArray, heads: ComplexArray, log_lengths: FloatArray, weights: FloatArray, poles: ComplexArray
 ) -> FloatArray:

@@ -17,25 +17,84 @@ Point = tuple[float, float]
 Room = tuple[float, float, float, float]
 
 
+Face = ImageFont.FreeTypeFont | ImageFont.ImageFont
+_OTHERS = (  # typefaces that systems have, of many scripts each
+    "DejaVuSans.ttf", "NotoSans-Regular.ttf", "NotoSansCJK-Regular.ttc", "NotoSansArabic-Regular.ttf",
+    "NotoSansHebrew-Regular.ttf", "NotoSansDevanagari-Regular.ttf", "NotoSansThai-Regular.ttf", "LiberationSans-Regular.ttf",
+    "FreeSans.ttf", "unifont.otf", "wqy-microhei.ttc", "wqy-zenhei.ttc", "DroidSansFallbackFull.ttf", "Arial Unicode.ttf",
+    "arialuni.ttf", "arial.ttf", "msyh.ttc", "msgothic.ttc", "malgun.ttf",
+    "PingFang.ttc", "Hiragino Sans GB.ttc", "AppleSDGothicNeo.ttc",
+)  # fmt: skip
+_CYRILLIC = (
+    "а=a б=b в=v г=g д=d е=e ж=zh з=z и=i к=k л=l м=m н=n о=o п=p р=r с=s т=t у=u ф=f х=kh ц=ts ч=ch ш=sh щ=shch "  # noqa: RUF001
+    "ъ= ы=y ь= э=e ю=yu я=ya і=i є=ye ґ=g"  # noqa: RUF001
+)
+_GREEK = "α=a β=v γ=g δ=d ε=e ζ=z η=i θ=th ι=i κ=k λ=l μ=m ν=n ξ=x ο=o π=p ρ=r σ=s ς=s τ=t υ=y φ=f χ=ch ψ=ps ω=o"  # noqa: RUF001
+_LATIN = {pair[0]: pair[2:] for words in (_CYRILLIC, _GREEK) for pair in words.split(" ")}
+
+
 @cache
-def font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+def font(size: int) -> Face:
     """The typeface that comes with Pillow, letters ``size`` high."""
     return ImageFont.load_default(size)
 
 
+@cache
+def _other(name: str, size: int) -> Face | None:
+    """A typeface of the system, None where it has none of this name."""
+    try:
+        return ImageFont.truetype(name, size)
+    except (OSError, ImportError):
+        return None
+
+
+def _has(face: Face, words: str) -> bool:
+    """Whether a typeface has all letters: none looks like one that no typeface has."""
+    missing = bytes(face.getmask("\uffff"))
+    return all(letter == " " or bytes(face.getmask(letter)) != missing for letter in set(words))
+
+
+@cache
+def _legible(words: str) -> tuple[str, str]:
+    """Words that can be drawn and the name of the typeface that has them, empty for Pillow's own.
+
+    The first of the system's that has all letters; where none has, they are written out: in Latin letters, or as code points.
+    """
+    words = unicodedata.normalize("NFC", "".join(letter if letter.isprintable() else " " for letter in words))
+    if _has(font(TICK_SIZE), words):
+        return words, ""
+    for name in _OTHERS:
+        face = _other(name, TICK_SIZE)
+        if face is not None and _has(face, words):
+            return words, name
+    return plain(words), ""
+
+
 def plain(words: str) -> str:
-    """Words without what the typeface lacks: accents are left out, other letters become question marks."""
-    bare = "".join(c for c in unicodedata.normalize("NFKD", words) if not unicodedata.combining(c))
-    return "".join(c if " " <= c <= "~" else "?" for c in bare)
+    """Words in the letters of any typeface: without accents, Cyrillic and Greek in Latin letters, others as code points."""
+    out = []
+    for letter in words:
+        bare = "".join(c for c in unicodedata.normalize("NFKD", letter) if not unicodedata.combining(c))
+        latin = _LATIN.get(bare.lower())
+        if latin is not None:
+            out.append(latin if bare.islower() else latin.capitalize())
+        else:
+            out.append("".join(c if " " <= c <= "~" else f"[{ord(c):X}]" if c.isprintable() else " " for c in bare))
+    return "".join(out)
 
 
 def centred(draw: ImageDraw.ImageDraw, place: Point, words: str, size: int, width: float, fill: str = INK) -> None:
     """Write words in the middle of a place, smaller where they are wider than ``width``, shortened where too small then."""
-    words = plain(words)
-    size = max(min(size, int(size * width / max(font(size).getlength(words), 1.0))), 14)
-    while len(words) > 4 and font(size).getlength(words) > width:
+    words, name = _legible(words)
+
+    def face(height: int) -> Face:
+        """The typeface in a size."""
+        return (_other(name, height) if name else None) or font(height)
+
+    size = max(min(size, int(size * width / max(face(size).getlength(words), 1.0))), 14)
+    while len(words) > 4 and face(size).getlength(words) > width:
         words = words[: len(words) // 2 - 2] + "..." + words[-(len(words) // 2 - 2) :]
-    draw.text(place, words, fill, font(size), "mm")
+    draw.text(place, words, fill, face(size), "mm")
 
 
 def upwards(canvas: Image.Image, place: Point, words: str, size: int) -> None:
@@ -115,6 +174,31 @@ def _label(draw: ImageDraw.ImageDraw, place: Point, label: str) -> None:
     head, _, raised = label.partition("^")
     draw.text((x, y), head, INK, font(TICK_SIZE), "lm")
     draw.text((x + font(TICK_SIZE).getlength(head), y - 0.4 * TICK_SIZE), raised, INK, font(TICK_SIZE * 3 // 4), "lm")
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """What colours stand for: an axis, and colours at even distances along it."""
+
+    axis: Axis
+    stops: tuple[tuple[float, float, float], ...]
+
+
+def colour_bar(canvas: Image.Image, room: Room, scale: Scale) -> None:
+    """Draw a bar of colours from left to right, with ticks and labels below it."""
+    draw, axis = ImageDraw.Draw(canvas), scale.axis
+    x0, y0, x1, y1 = (round(edge) for edge in room)
+    y1 -= 2 * _TICK + TICK_SIZE
+    for x in range(x0, x1 + 1):
+        place = (x - x0) / (x1 - x0) * (len(scale.stops) - 1)
+        k = min(int(place), len(scale.stops) - 2)
+        mixed = [a + (place - k) * (b - a) for a, b in zip(scale.stops[k], scale.stops[k + 1], strict=True)]
+        draw.line((x, y0, x, y1), tuple(round(255 * part) for part in mixed))
+    draw.rectangle((x0, y0, x1, y1), outline=INK, width=2)
+    for tick, label in zip(axis.ticks, axis.labels, strict=True):
+        x = round(x0 + (x1 - x0) * axis.share(tick))
+        draw.line((x, y1, x, y1 + _TICK), INK, 2)
+        _label(draw, (x - 0.5 * _label_width(label), y1 + 2 * _TICK + 0.5 * TICK_SIZE), label)
 
 
 class Chart:

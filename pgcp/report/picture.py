@@ -1,6 +1,6 @@
-"""One picture of a finished map: the surface with a checkerboard, the map, the histogram of angle errors.
+"""One picture of a finished map: the surface with a checkerboard, the map, where angles and areas err, and a histogram.
 
-Panels are drawn in two threads at a time, twice as large as they will be, and put side by side.
+Panels are drawn in two threads at a time, twice as large as they will be, and put three in a row.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import io
 import math
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -17,15 +18,20 @@ import networkx
 import numpy as np
 from PIL import Image, ImageDraw
 
-from pgcp.report.chart import BLUE, INK, RED, Chart, centred, linear_axis, log_axis
+from pgcp.finish.unit_square import standing, upright_angle
+from pgcp.report.chart import BLUE, INK, RED, Axis, Chart, Scale, centred, colour_bar, linear_axis, log_axis
 from pgcp.report.raster import PIXELS, Paint, View, rasterise, view
-from pgcp.report.shade import by_normals, checkered, vertex_shapes
+from pgcp.report.shade import checkered, in_colours, lit, vertex_shapes
 from pgcp.surface.distortion import angle_errors
 from pgcp.surface.operators import face_areas
 from pgcp.targets.registry import TARGETS
 from pgcp.types import FloatArray, IntArray, Mesh, Parameterization
 
 _CHECKS = 48
+_ACROSS, _BAR = 3, 100  # panels in a row; pixels of a bar of colours with its labels
+_DARK, _LIGHT = (np.array(colour, np.float32) for colour in ((0.20, 0.38, 0.62), (0.98, 0.94, 0.84)))
+HEAT = ((0.93, 0.93, 0.91), (0.98, 0.82, 0.45), (0.90, 0.42, 0.16), (0.60, 0.08, 0.12), (0.25, 0.02, 0.10))
+COLD_WARM = ((0.13, 0.25, 0.55), (0.45, 0.66, 0.85), (0.94, 0.94, 0.92), (0.93, 0.60, 0.42), (0.62, 0.10, 0.14))
 _BINS = 80
 _SAMPLE, _VIEW_SAMPLE = 250_000, 50_000
 _WIDTH, _HEIGHT, _TITLE = 1100, 1068, 76  # of a panel with its caption, and of the title above
@@ -48,12 +54,13 @@ def _corners(points: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def _view_rotation(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Rotation (3, 3) to the flattest view, from the side most faces look to, z (or y) upright.
+    """Rotation (3, 3) to the flattest view, from the side most faces look to, y or z upright, whichever the surface stands on.
 
     Rows: to the right, up, towards the eye. Where as many look either way, as on closed surfaces, from the positive side.
     """
     sample, _ = _sample(faces, _VIEW_SAMPLE)
-    a, b, c = _corners(vertices, sample).reshape(-1, 3, 3).swapaxes(0, 1)
+    corners = _corners(vertices, sample)
+    a, b, c = corners.reshape(-1, 3, 3).swapaxes(0, 1)
     normals = np.cross(b - a, c - a)
     spread = a - a.mean(axis=0)
     _, axes = np.linalg.eigh(spread.T @ spread)
@@ -61,7 +68,11 @@ def _view_rotation(vertices: FloatArray, faces: IntArray) -> FloatArray:
     facing = normals @ towards
     if facing.sum() < -0.03 * np.abs(facing).sum():
         towards = -towards
-    up = np.array([0.0, 0.0, 1.0]) if abs(towards[2]) < 0.7 else np.array([0.0, 1.0, 0.0])
+    stands = standing(corners, np.arange(len(corners)).reshape(-1, 3))
+    stands[0] = -1.0
+    stands[2] *= 1.05  # z, if both do alike
+    axis = int(np.argmax(np.where(np.abs(towards) < 0.7, stands, -2.0)))
+    up = np.eye(3)[axis]
     up = up - towards * (towards @ up)
     up = up / np.linalg.norm(up)
     return np.array([np.cross(up, towards), up, towards])
@@ -73,22 +84,83 @@ def _panel(caption: str) -> Image.Image:
     return panel
 
 
-def _drawn(caption: str, seen_from: View, paint: Paint) -> Image.Image:
+def _drawn(caption: str, seen_from: View, paint: Paint, scale: Callable[[], Scale] | None = None) -> Image.Image:
+    """A panel with a picture, above a bar of colours if there is one."""
     panel = _panel(caption)
-    panel.paste(Image.fromarray(rasterise(seen_from, paint)), ((_WIDTH - PIXELS) // 2, _TOP))
+    pixels = PIXELS if scale is None else PIXELS - _BAR
+    panel.paste(Image.fromarray(rasterise(seen_from, paint, pixels)), ((_WIDTH - pixels) // 2, _TOP))
+    if scale is not None:
+        colour_bar(panel, (_WIDTH // 6, _HEIGHT - _BAR + 10, _WIDTH * 5 // 6, _HEIGHT - 10), scale())
     return panel
 
 
-def _surface(result: Parameterization, surface: View, log_size: float, shapes: np.ndarray) -> Image.Image:
-    """The surface with a checkerboard of the map."""
-    light = np.array([0.3, 0.4, 0.87]) @ surface.rotation
+@dataclass(frozen=True, slots=True, eq=False)
+class _Look:
+    """A surface as it is seen: the view, normals and scale of its vertices, and where light and eye are."""
+
+    seen_from: View
+    shapes: np.ndarray
+    lights: FloatArray
+
+    def lit(self, face_ids: IntArray, weights: FloatArray, colours: np.ndarray) -> np.ndarray:
+        """Colours (m, 3) of places in the light."""
+        light = lit(face_ids, weights, self.seen_from.faces, self.shapes, self.lights)
+        return np.asarray(colours * light[:, :1] + light[:, 1:])
+
+
+def _look(seen_from: View, shapes: np.ndarray) -> _Look:
+    lights = np.array([[0.35, 0.55, 0.76], [0.0, 0.0, 1.0]])
+    return _Look(seen_from, shapes, np.ascontiguousarray(lights @ seen_from.rotation))
+
+
+def _checkers(result: Parameterization, look: _Look, upright: FloatArray, log_size: float, caption: str) -> Image.Image:
+    """A surface, or the sphere, with a checkerboard of the map, ``upright``: coordinates of the plane, or turned ones."""
     on_sphere = TARGETS.get(result.target).space.closed
 
     def paint(face_ids: IntArray, weights: FloatArray) -> np.ndarray:
         """Checkerboard of the map."""
-        return checkered(face_ids, weights, surface.faces, result.coordinates, shapes, light, log_size, on_sphere)
+        dark = checkered(face_ids, weights, result.mesh.faces, upright, look.shapes, log_size, on_sphere)
+        return look.lit(face_ids, weights, _LIGHT + dark[:, None] * (_DARK - _LIGHT))
 
-    return _drawn("the surface, with a checkerboard of the map (squares double with the scale)", surface, paint)
+    return _drawn(caption, look.seen_from, paint)
+
+
+def _angles(result: Parameterization, look: _Look) -> Image.Image:
+    """The surface, every face in the colour of its mean angle error."""
+    limit = max(result.quality.angle_p99_deg, 1e-9)
+
+    def paint(face_ids: IntArray, weights: FloatArray) -> np.ndarray:
+        """Colour of the angle error."""
+        shown, place = np.unique(face_ids, return_inverse=True)
+        errors = _errors(result, result.mesh.faces[shown]).mean(axis=1)
+        return look.lit(face_ids, weights, in_colours(errors / limit, HEAT)[place.reshape(-1)])
+
+    axis = linear_axis(0.0, limit, (0.0, 0.0), 6)
+    return _drawn("where angles err: |angle error| (degrees)", look.seen_from, paint, lambda: Scale(axis, HEAT))
+
+
+def _areas(result: Parameterization, look: _Look) -> Image.Image:
+    """The surface, in colours of how large its parts are in the map; they span nineteen twentieths of what is seen."""
+    faces, _ = _sample(result.mesh.faces, _SAMPLE)
+    middle = float(np.median(look.shapes[faces, 3].mean(axis=1)))
+    limits = [1]
+
+    def paint(face_ids: IntArray, weights: FloatArray) -> np.ndarray:
+        """Colour of the area ratio."""
+        corners = result.mesh.faces[face_ids]
+        ratios = 2.0 * (np.einsum("mk,mk->m", weights, look.shapes[corners, 3]) - middle)
+        reach = float(np.quantile(np.abs(ratios), 0.95)) if len(ratios) else 0.0
+        limits.append(1 if reach <= 1.0 else 2 * math.ceil(0.5 * min(reach, 1000.0)))
+        return look.lit(face_ids, weights, in_colours(0.5 + 0.5 * ratios / limits[-1], COLD_WARM))
+
+    def scale() -> Scale:
+        """Powers of two, even on either side of 1."""
+        limit = limits[-1]
+        powers = [-1, 0, 1] if limit == 1 else [-limit, -limit // 2, 0, limit // 2, limit]
+        labels = [f"{2**k}" if 0 <= k <= 10 else f"1/{2**-k}" if -10 <= k < 0 else f"2^{k}" for k in powers]
+        return Scale(Axis(-limit, limit, [float(k) for k in powers], labels, []), COLD_WARM)
+
+    return _drawn("area in the map over area on the surface (1: the median)", look.seen_from, paint, scale)
 
 
 def patch_colours(rows: list[dict[str, Any]], count: int) -> np.ndarray:
@@ -117,24 +189,22 @@ def _map(result: Parameterization, plane: View) -> Image.Image:
     return _drawn(f"the map, {count} patch{'es' if count > 1 else ''}, {width:.4g} x {height:.4g}", plane, paint)
 
 
-def _sphere(result: Parameterization, surface: View, side: str, shapes: np.ndarray) -> Image.Image:
-    """The sphere from the side the surface is shown from, or from behind, the surface's normals as colours."""
-    turn = np.diag([1.0, 1.0, 1.0] if side == "front" else [-1.0, 1.0, -1.0])
-    seen_from = view(result.coordinates, surface.faces, turn @ surface.rotation)
+def _soup(faces: IntArray) -> IntArray:
+    """As many faces, each with corners of its own."""
+    return np.arange(faces.size, dtype=np.int32).reshape(-1, 3)
 
-    def paint(face_ids: IntArray, weights: FloatArray) -> np.ndarray:
-        """Normal of the surface."""
-        return by_normals(face_ids, weights, surface.faces, shapes, surface.rotation)
 
-    return _drawn(f"the sphere, {side}: colours are the surface's normals", seen_from, paint)
+def _errors(result: Parameterization, faces: IntArray) -> FloatArray:
+    """Angle errors (n, 3) of faces, in degrees; 0 where a face has no area on the surface."""
+    surface, image = (_corners(points, faces) for points in (result.mesh.vertices, result.coordinates))
+    mesh = Mesh(surface, _soup(faces))
+    return np.where((face_areas(surface, mesh.faces) > 0.0)[:, None], angle_errors(mesh, image), 0.0)
 
 
 def _histogram(result: Parameterization) -> Image.Image:
     """Angle errors of an even sample of the faces, of those that have an area."""
     quality, (faces, step) = result.quality, _sample(result.mesh.faces, _SAMPLE)
-    surface, image = (_corners(points, faces) for points in (result.mesh.vertices, result.coordinates))
-    mesh = Mesh(surface, np.arange(faces.size, dtype=np.int32).reshape(-1, 3))
-    errors = angle_errors(mesh, image)[face_areas(surface, mesh.faces) > 0.0].reshape(-1)
+    errors = _errors(result, faces)[face_areas(_corners(result.mesh.vertices, faces), _soup(faces)) > 0.0].reshape(-1)
     limit = max(float(np.quantile(errors, 0.995)), 1e-12) if len(errors) else 1.0
     bins = (errors[errors <= limit] * (_BINS / limit)).astype(np.int32)
     counts = np.bincount(np.minimum(bins, _BINS - 1), minlength=_BINS)
@@ -169,37 +239,62 @@ def _descent(iterations: list[dict[str, Any]]) -> Image.Image:
 
 
 def _panels(result: Parameterization, pool: ThreadPoolExecutor) -> list[Future[Image.Image]]:
-    """All panels from left to right. What waits for something is queued after it."""
+    """All panels, row by row. What waits for something is queued after it."""
     mesh, image = result.mesh, result.coordinates
     iterations = result.report.get("iterations", [])
     surface = view(mesh.vertices, mesh.faces, _view_rotation(mesh.vertices, mesh.faces))
-    plane = None if TARGETS.get(result.target).space.closed else view(image, mesh.faces)
-    unit = max(float(plane.extent.max()), _TINY) if plane else 1.0
-    units = max(float(np.hypot(*surface.extent)), _TINY), unit
+    closed = TARGETS.get(result.target).space.closed
+    plane = None if closed else view(image, mesh.faces, _upright(mesh, image))
+    unit = max(float(np.ptp(image, axis=0).max()), _TINY) if plane else 1.0
+    # longitudes run around the axis that is up in the picture
+    upright = image if plane else np.ascontiguousarray(image @ surface.rotation[[2, 0, 1]].T)
+    units, size = (max(float(np.hypot(*surface.extent)), _TINY), unit), math.log2(unit / _CHECKS)
     shapes = pool.submit(vertex_shapes, mesh.vertices, mesh.faces, image, units)
 
-    def shaded(panel: Callable[[np.ndarray], Image.Image]) -> Future[Image.Image]:
-        """A panel that needs the shapes."""
-        return pool.submit(lambda: panel(shapes.result()))
+    def shaded(panel: Callable[[_Look], Image.Image]) -> Future[Image.Image]:
+        """A panel of the surface, which needs the shapes."""
+        return pool.submit(lambda: panel(_look(surface, shapes.result())))
 
+    def on_sphere(side: str) -> Image.Image:
+        """The sphere from the side the surface is shown from, or from behind."""
+        turn = np.diag([1.0, 1.0, 1.0] if side == "front" else [-1.0, 1.0, -1.0])
+        round_ones = shapes.result().copy()
+        round_ones[:, :3] = image
+        look = _look(view(image, mesh.faces, turn @ surface.rotation), round_ones)
+        return _checkers(result, look, upright, size, f"the same checkerboard on the sphere, {side}")
+
+    caption = "the surface, with a checkerboard of the map (squares double with the scale)"
     flat = [pool.submit(_map, result, plane)] if plane else []
-    flat += [pool.submit(_descent, iterations)] if iterations else []
+    curves = [pool.submit(_descent, iterations)] if iterations else []
     last = pool.submit(_histogram, result)
-    first = shaded(partial(_surface, result, surface, math.log2(unit / _CHECKS)))
-    sides = [] if plane else [shaded(partial(_sphere, result, surface, side)) for side in ("front", "back")]
-    return [first, *sides, *flat, last]
+    first = shaded(lambda look: _checkers(result, look, upright, size, caption))
+    sides = [] if plane else [pool.submit(on_sphere, side) for side in ("front", "back")]
+    maps = [shaded(partial(_angles, result)), shaded(partial(_areas, result))]
+    return [first, *flat, *sides, *maps, last, *curves]
+
+
+def _upright(mesh: Mesh, image: FloatArray) -> FloatArray:
+    """Rotation (3, 2) of a map to the plane, so that the surface's up is up."""
+    angle, _ = upright_angle(mesh, image)
+    return np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)], [0.0, 0.0]])
 
 
 def draw(result: Parameterization) -> bytes:
     """PNG bytes of the picture."""
+    out = io.BytesIO()
+    drawn_sheet(result).save(out, "png", compress_level=4)
+    return out.getvalue()
+
+
+def drawn_sheet(result: Parameterization) -> Image.Image:
+    """The picture: all panels side by side under the mesh's name."""
     with ThreadPoolExecutor(2) as pool:
         panels = [panel.result() for panel in _panels(result, pool)]
-    sheet = Image.new("RGB", (_WIDTH * len(panels), _TITLE + _HEIGHT), "white")
+    across = min(_ACROSS, len(panels))
+    sheet = Image.new("RGB", (_WIDTH * across, _TITLE + _HEIGHT * -(-len(panels) // across)), "white")
     mark = "" if result.quality.folds == 0 else f"  -  FOLDED: {result.quality.folds} faces"
     place, room = (sheet.width / 2, _TITLE / 2), sheet.width - 80
     centred(ImageDraw.Draw(sheet), place, f"{result.mesh.name}{mark}", 36, room, RED if mark else INK)
     for k, panel in enumerate(panels):
-        sheet.paste(panel, (_WIDTH * k, _TITLE))
-    out = io.BytesIO()
-    sheet.reduce(2).save(out, "png", compress_level=4)
-    return out.getvalue()
+        sheet.paste(panel, (_WIDTH * (k % across), _TITLE + _HEIGHT * (k // across)))
+    return sheet.reduce(2)

@@ -82,6 +82,7 @@ def run_report(
         "mollification": mollification,
         "seams": mapped.seams_by,
         "interface": mapped.details.get("interface"),
+        "logarithms": mapped.details.get("logarithms"),
         "iterations": mapped.details.get("iterations", []),
         "converged": mapped.details.get("converged"),
         "boundary_points": int(mapped.parts.split.edges.parts.sum()),

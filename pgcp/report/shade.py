@@ -48,11 +48,23 @@ def vertex_shapes(vertices: FloatArray, faces: IntArray, image: FloatArray, unit
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _is_dark(u: float, v: float, log_scale: float) -> bool:
-    """Whether a place on the map lies in a dark square; squares double where the map's scale (log2) does."""
-    size = math.ldexp(1.0, int(np.floor(log_scale)))
+def _square(u: float, v: float, size: float) -> float:
+    """1 in the dark squares of a checkerboard, 0 in the others."""
     half = 0.5 * (np.floor(u / size) + np.floor(v / size))
-    return half == np.floor(half)
+    return 1.0 if half == np.floor(half) else 0.0
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _darkness(u: float, v: float, log_scale: float) -> float:
+    """How dark a place on the map is, 0 to 1, on a checkerboard whose squares double where the map's scale (log2) does.
+
+    Squares fade into those of twice their size over half of the way, so that no line is seen where they double.
+    """
+    level = np.floor(log_scale)
+    share = min(max(2.0 * (log_scale - level) - 0.5, 0.0), 1.0)
+    share *= share * (3.0 - 2.0 * share)
+    size = math.ldexp(1.0, int(level))
+    return (1.0 - share) * _square(u, v, size) + share * _square(u, v, 2.0 * size)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -63,7 +75,34 @@ def _mercator(x: float, y: float, z: float, log_scale: float) -> tuple[float, fl
     """
     across = max(np.hypot(x, y), 1e-300)
     turn = 2.0 * np.pi
-    return np.arctan2(y, x) / turn, np.arcsinh(z / across) / turn, min(log_scale - np.log2(across * turn), -1.0)
+    return np.arctan2(y, x) / turn, np.arcsinh(z / across) / turn, min(log_scale - np.log2(across * turn), -2.0)
+
+
+@numba.njit(cache=True, nogil=True)
+def lit(face_ids: IntArray, weights: FloatArray, faces: IntArray, shapes: np.ndarray, lights: FloatArray) -> np.ndarray:
+    """Brightness and gloss (m, 2) at places on faces, from normals that change evenly over them; either side is lit alike.
+
+    shapes (V, 5) of the vertices; lights (2, 3): unit vectors to the light and to the eye.
+    """
+    out = np.empty((len(face_ids), 2), np.float32)
+    for k in range(len(face_ids)):
+        f = face_ids[k]
+        x = y = z = 0.0
+        for i in range(3):
+            v, weight = faces[f, i], weights[k, i]
+            x += weight * shapes[v, 0]
+            y += weight * shapes[v, 1]
+            z += weight * shapes[v, 2]
+        length = max(np.sqrt(x * x + y * y + z * z), 1e-30)
+        towards = (x * lights[1, 0] + y * lights[1, 1] + z * lights[1, 2]) / length
+        facing = (x * lights[0, 0] + y * lights[0, 1] + z * lights[0, 2]) / length
+        if towards < 0.0:
+            towards, facing = -towards, -facing
+        middle = lights[0, 0] * lights[1, 0] + lights[0, 1] * lights[1, 1] + lights[0, 2] * lights[1, 2]
+        half = max(facing + towards, 0.0) / np.sqrt(2.0 + 2.0 * middle)
+        out[k, 0] = 0.42 + 0.48 * max(facing, 0.0) + 0.14 * towards
+        out[k, 1] = 0.10 * half**24
+    return out
 
 
 @numba.njit(cache=True, nogil=True)
@@ -73,19 +112,17 @@ def checkered(
     faces: IntArray,
     image: FloatArray,
     shapes: np.ndarray,
-    light: FloatArray,
     log_size: float,
     on_sphere: bool,
 ) -> np.ndarray:
-    """Colours (m, 3) of a checkerboard of the map at places on faces, lit from ``light`` (3,).
+    """Darkness (m,), 0 to 1, of a checkerboard of the map at places on faces.
 
     image (V, 2), or (V, 3) ``on_sphere``, shapes (V, 5) of the vertices; squares are 2^log_size of the surface's units.
     """
-    dark, bright = (0.16, 0.32, 0.55), (0.98, 0.93, 0.82)
-    colours = np.empty((len(face_ids), 3), np.float32)
+    out = np.empty(len(face_ids), np.float32)
     for k in range(len(face_ids)):
         f = face_ids[k]
-        x = y = z = facing = 0.0
+        x = y = z = 0.0
         log_scale = log_size
         for i in range(3):
             v, weight = faces[f, i], weights[k, i]
@@ -93,30 +130,15 @@ def checkered(
             y += weight * image[v, 1]
             if on_sphere:
                 z += weight * image[v, 2]
-            facing += weight * abs(light[0] * shapes[v, 0] + light[1] * shapes[v, 1] + light[2] * shapes[v, 2])
             log_scale += weight * shapes[v, 3]
         if on_sphere:
             x, y, log_scale = _mercator(x, y, z, log_scale)
-        colour = dark if _is_dark(x, y, log_scale) else bright
-        for d in range(3):
-            colours[k, d] = colour[d] * (0.45 + 0.6 * facing)
-    return colours
+        out[k] = _darkness(x, y, log_scale)
+    return out
 
 
-@numba.njit(cache=True, nogil=True)
-def by_normals(
-    face_ids: IntArray, weights: FloatArray, faces: IntArray, shapes: np.ndarray, rotation: FloatArray
-) -> np.ndarray:
-    """The surface's normals, turned, as colours (m, 3) at places on faces."""
-    colours = np.empty((len(face_ids), 3), np.float32)
-    for k in range(len(face_ids)):
-        f = face_ids[k]
-        x = y = z = 0.0
-        for i in range(3):
-            v, weight = faces[f, i], weights[k, i]
-            x += weight * shapes[v, 0]
-            y += weight * shapes[v, 1]
-            z += weight * shapes[v, 2]
-        for d in range(3):
-            colours[k, d] = 0.5 + 0.5 * (rotation[d, 0] * x + rotation[d, 1] * y + rotation[d, 2] * z)
-    return colours
+def in_colours(values: np.ndarray, stops: tuple[tuple[float, float, float], ...]) -> np.ndarray:
+    """Colours (m, 3) of values (m,) from 0 to 1, in between evenly spaced colours."""
+    places, table = np.linspace(0.0, 1.0, len(stops)), np.array(stops)
+    inside = np.clip(values, 0.0, 1.0)
+    return np.stack([np.interp(inside, places, table[:, d]) for d in range(3)], axis=-1).astype(np.float32)

@@ -10,11 +10,14 @@ import numpy as np
 from pgcp.errors import CrowdedError, NumericalError, PartitionInputError, WeldFailedError
 from pgcp.folds.repair import embedding_alone, repair_folds
 from pgcp.methods.base import FAILURES, Attempt, Choice, Failure, Mapper, Method
+from pgcp.options import AUTO
 from pgcp.patches.mapped import Mapped
 from pgcp.patches.run import Run
 from pgcp.patches.stored import Parts, discard, store_parts
 from pgcp.patches.types import SeamPositions
 from pgcp.plane.curves import crossings
+from pgcp.plane.space import find_folds
+from pgcp.plane.unfold import unfolded
 from pgcp.retry.decide import Tried, next_attempt
 from pgcp.retry.finished import (
     EMBED,
@@ -27,10 +30,15 @@ from pgcp.retry.finished import (
     surroundings,
     target_of,
 )
+from pgcp.retry.polar import free_of, may_be_solved_in_logarithms, mean_error, solved_in_logarithms
 from pgcp.targets.registry import TARGETS
 from pgcp.types import ComplexArray, IntArray
 
 _LISTED = 10
+_BEYOND_WELDS = 75.0  # log of a range of scales that no weld keeps: digits for half of it from either end
+_WRONG_DEG = 20.0  # mean angle error from which on a map without folds is not taken before others are tried
+_LARGE_DEG = 8.0  # mean angle error from which on a map is compared with the one solved in logarithms
+_GOOD_DEG = 2.0  # mean angle error up to which a free map is not compared with another
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +69,11 @@ class _Splits:
             self._mapper, self._key = self._method.mapper(self._run, self._parts), key
         return self._mapper(attempt.route)
 
+    @property
+    def parts(self) -> Parts | None:
+        """The split at hand."""
+        return self._parts
+
     def discard(self) -> None:
         """Remove the files of the split at hand."""
         if self._parts is not None:
@@ -86,6 +99,7 @@ def _best(run: Run, method: Method) -> tuple[Finished, tuple[Tried, ...]]:
     splits, choice = _Splits(run, method), _choice(run)
     history: list[Tried] = []
     best: Finished | None = None
+    looked = False  # for a map in logarithms
     problem: NumericalError | PartitionInputError | None = None
     while (attempt := next_attempt(method.attempts(choice), history)) is not None:
         try:
@@ -101,20 +115,51 @@ def _best(run: Run, method: Method) -> tuple[Finished, tuple[Tried, ...]]:
                 problem = found.problem.with_traceback(None)
             crowded = isinstance(found.problem, CrowdedError)
             history.append(Tried(attempt, found.label, str(found.problem), stage=found.stage, crowded=crowded))
-            continue
-        done = finish(run, method, found)
-        if done.folds == 0 or method.to_target is None:
-            return polished(run, method, repaired_at_last(run, done)), _told(history)
-        best = min(best or done, done, key=lambda d: (d.folds, d.repaired.folds_before))
-        reason = f"{done.repaired.folds_before} folds, {done.folds} of them left after repair"
-        history.append(Tried(attempt, found.route, reason, done.folds))
+        else:
+            done = finish(run, method, found)
+            if done.folds == 0 or method.to_target is None:
+                return _compared(run, method, repaired_at_last(run, done), splits), _told(history)
+            best = min(best or done, done, key=_by_folds)
+            reason = f"{done.repaired.folds_before} folds, {done.folds} of them left after repair"
+            history.append(Tried(attempt, found.route, reason, done.folds))
+        if not looked and (history[-1].crowded or best is not None):
+            looked, other = True, _in_logarithms(run, method, splits)
+            if other is not None and other.folds == 0 and mean_error(run, other) < _WRONG_DEG:
+                return other, _told(history)
+            if other is not None and (best is not None or other.folds == 0):
+                best = min(best or other, other, key=_by_folds)
+            if other is not None and other.mapped.details["logarithms"]["range"] > _BEYOND_WELDS:
+                break
+    if best is None and not looked:
+        best = _in_logarithms(run, method, splits)
     splits.discard()
     is_wrong = best is not None and not are_few(run, best.folds) and not target_of(run.target).has_free_boundary
     if best is None or (is_wrong and EMBED in run.options.repairs):
         raise _NothingError(
             _told(history), problem or WeldFailedError(f"every map had folds, {best.folds if best else 0} and more")
         )
-    return polished(run, method, repaired_at_last(run, best)), _told(history)
+    return repaired_at_last(run, best), _told(history)
+
+
+def _by_folds(done: Finished) -> tuple[int, int]:
+    """What of several maps makes one the best."""
+    return done.folds, done.repaired.folds_before
+
+
+def _in_logarithms(run: Run, method: Method, splits: _Splits) -> Finished | None:
+    """The map solved in logarithms, None where there is none or it is not wanted."""
+    if splits.parts is None or not may_be_solved_in_logarithms(run, method):
+        return None
+    return solved_in_logarithms(run, method, splits.parts)
+
+
+def _compared(run: Run, method: Method, done: Finished, splits: _Splits) -> Finished:
+    """A map without folds, or where its errors are large the one solved in logarithms if that has smaller ones."""
+    error = mean_error(run, done) if done.folds == 0 else 0.0
+    if error < _LARGE_DEG:
+        return done
+    other = _in_logarithms(run, method, splits)
+    return other if other is not None and other.folds == 0 and mean_error(run, other) < error else done
 
 
 class _NothingError(Exception):
@@ -143,17 +188,31 @@ def _embedded(run: Run, method: Method, tried: tuple[Tried, ...], reason: str) -
     target = TARGETS.get(target_of(run.target).gives_way_to or run.target.name)
     here = surroundings(run, target)
     everything = np.arange(len(run.mesh.faces))
+    parts = store_parts(run, run.fewest_patches, run.options.seed, None, "whole")
+    fallback = {"from": run.target.name, "to": f"{target.name} (embedding)", "reason": reason}
+    in_logarithms = None
+    if may_be_solved_in_logarithms(run, method):
+        in_logarithms = solved_in_logarithms(replace(run, target=target), method, parts, positive=True)
+        if in_logarithms is not None and in_logarithms.folds == 0:
+            return Outcome(in_logarithms, tried, None, fallback)
     with run.clock.stage("embed"):
         repaired = repair_folds(here, embedding_alone(here), local_repairs(run))
-    parts = store_parts(run, run.fewest_patches, run.options.seed, None, "whole")
+    if in_logarithms is not None and in_logarithms.folds < repaired.folds:
+        return Outcome(in_logarithms, tried, None, fallback)
     none = np.empty(0, np.int64)
     nowhere = SeamPositions(none, repaired.points[none])
     mapped = Mapped(parts, target, repaired.points, np.zeros(len(everything), np.complex128), nowhere, [])
-    done = polished(run, method, Finished(mapped, replace(repaired, touched=everything)))
-    return Outcome(done, tried, None, {"from": run.target.name, "to": f"{target.name} (embedding)", "reason": reason})
+    done = Finished(mapped, replace(repaired, touched=everything))
+    return Outcome(done, tried, None, fallback)
 
 
 def map_mesh(run: Run, method: Method) -> Outcome:
+    """The polished map of a mesh; see ``_mapped``."""
+    outcome = _mapped(run, method)
+    return replace(outcome, done=polished(run, method, outcome.done))
+
+
+def _mapped(run: Run, method: Method) -> Outcome:
     """Map a mesh to its target.
 
     A free map that is left with folds, or with overlaps where none are wanted, gives way to the map to the disk from the
@@ -167,11 +226,42 @@ def map_mesh(run: Run, method: Method) -> Outcome:
         if EMBED not in run.options.repairs or method.to_target is None or not isinstance(nothing.problem, FAILURES):
             raise nothing.problem from None
         return _embedded(run, method, nothing.tried, str(nothing.problem))
-    is_free = target_of(run.target).has_free_boundary
-    outcome = _free_or_other(run, method, done, tried) if is_free else Outcome(done, tried)
+    if target_of(run.target).has_free_boundary:
+        outcome = _free_or_other(run, method, _freest(run, method, done), tried)
+    else:
+        outcome = Outcome(done, tried)
     if run.options.seams == "exact" and outcome.fallback is None and outcome.done.mapped.seams_by != "exact":
         return replace(outcome, fallback={"from": "exact seams", "to": "welded ones", "reason": tried[0].reason})
     return outcome
+
+
+def _freest(run: Run, method: Method, done: Finished) -> Finished:
+    """The best map with a free boundary that is at hand.
+
+    A developable surface is unfolded: that is its conformal map, exact to rounding. Where the free map has large errors, as
+    with a boundary of few vertices that the whole surface is squeezed into, the map to the target it gives way to may have
+    smaller ones; it then is the free map.
+    """
+    if method.to_target is None:
+        return done
+    everything = np.arange(len(done.mapped.mu))
+    flat = unfolded(run.mesh.vertices, run.mesh.faces, run.topology.twins)
+    if flat is not None and not (run.options.no_overlap and len(crossings(flat[run.boundary]))):
+        folds = len(find_folds(done.target.space, run.mesh.bare.faces, flat))
+        if folds <= done.folds and run.options.moebius in (AUTO, "none"):
+            return replace(done, repaired=replace(done.repaired, points=flat, touched=everything, folds=folds))
+    other = target_of(run.target).gives_way_to
+    error = mean_error(run, done)
+    if other is None or done.folds or error < _GOOD_DEG:
+        return done
+    try:
+        mapped = method.to_target(replace(run, target=TARGETS.get(other)), done.mapped)
+        found = repaired_at_last(run, finish(run, method, mapped))
+    except (NumericalError, PartitionInputError):
+        return done
+    if found.folds > done.folds or (found.folds == done.folds and mean_error(run, found) >= error):
+        return done
+    return free_of(run, found)
 
 
 def _free_or_other(run: Run, method: Method, done: Finished, tried: tuple[Tried, ...]) -> Outcome:
@@ -185,7 +275,7 @@ def _free_or_other(run: Run, method: Method, done: Finished, tried: tuple[Tried,
     reason = f"the boundary crosses itself {overlap['crossings']} times" if unwanted else f"{done.folds} folds are left"
     elsewhere = replace(run, target=TARGETS.get(other))
     try:
-        found = polished(run, method, repaired_at_last(run, finish(run, method, method.to_target(elsewhere, done.mapped))))
+        found = repaired_at_last(run, finish(run, method, method.to_target(elsewhere, done.mapped)))
     except NumericalError as problem:
         if unwanted and not done.folds:
             raise

@@ -23,6 +23,7 @@ from pgcp.types import IntArray, Positions
 EMBED = "embed"
 _FEW_FOLDS = 50
 _FEW_FRACTION = 0.005
+_CROWDED = 20.0  # log of the range of scales from which on tips lose digits anywhere but at 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,9 +77,11 @@ def local_repairs(run: Run) -> tuple[str, ...]:
     return tuple(method for method in run.options.repairs if method != EMBED)
 
 
-def _corrected(run: Run, method: Method, target: Target, points: Positions) -> tuple[Positions, Correction | None]:
-    """The Moebius correction asked for; a vertex at the centre of the disk leaves none."""
-    options, bare = run.options, run.mesh.bare
+def _corrected(run: Run, method: Method, target: Target, mapped: Mapped) -> tuple[Positions, Correction | None]:
+    """The Moebius correction asked for; a vertex at the centre of the disk leaves none, nor do tips that must stay at 0."""
+    options, bare, points = run.options, run.mesh.bare, mapped.points
+    if mapped.details.get("logarithms", {"range": 0.0})["range"] > _CROWDED:
+        return points, None
     wanted = method.moebius or target.moebius if options.moebius == AUTO else options.moebius
     if wanted == "none" or (target.centre_is_all and options.centre is not None):
         return points, None
@@ -93,7 +96,7 @@ def finish(run: Run, method: Method, mapped: Mapped) -> Finished:
     """
     target = target_of(mapped.target)
     with run.clock.stage("correct"):
-        points, correction = _corrected(run, method, target, mapped.points)
+        points, correction = _corrected(run, method, target, mapped)
     here = surroundings(run, target)
     with run.clock.stage("repair"):
         folded = find_folds(target.space, run.mesh.bare.faces, points)

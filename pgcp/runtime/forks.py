@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import gc
 import os
+import shutil
 import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from multiprocessing import resource_tracker
+from multiprocessing import process, resource_tracker
+from pathlib import Path
 
 FORKS = sys.platform == "linux"
 WORKER_ENVIRONMENT = {
@@ -44,6 +46,25 @@ def interrupts_for_this_process_only() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def scratch() -> Path:
+    """The folder of this process, made as needed, for what it and its workers keep on the disk beside the store.
+
+    It is removed when the process ends in its own time; see ``leave_nothing`` for one that does not.
+    """
+    from multiprocessing import util
+
+    return Path(util.get_temp_dir())
+
+
+def leave_nothing() -> None:
+    """Remove the folder that ``scratch`` has made, and semaphores, when all workers have ended."""
+    if util := sys.modules.get("multiprocessing.util"):
+        util._run_finalizers(0)  # those of semaphores; that of the folder has less priority and bears no file that comes late
+    made = process.current_process()._config.get("tempdir")  # type: ignore[attr-defined]
+    if made is not None:
+        shutil.rmtree(made, ignore_errors=True)
 
 
 def prepare_forks() -> None:

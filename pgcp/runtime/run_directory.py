@@ -7,6 +7,7 @@ import os
 import shutil
 import tempfile
 import time
+import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,6 +17,9 @@ _SCRATCH = "pgcp-"
 
 
 _LOCK = ".lock"
+
+
+_TRIES, _PAUSE_S = 5, 0.05
 
 
 _RESUMABLE_S = 7 * 24 * 3600
@@ -29,6 +33,11 @@ class RunDirectory:
         self.keep = False
 
 
+def store_parent(store: Path | None) -> Path:
+    """The folder that stores of runs lie in, as workers, which have working directories of their own, find it."""
+    return (Path(tempfile.gettempdir()) if store is None else store).absolute()
+
+
 @contextlib.contextmanager
 def run_directory(parent: Path | None, key: str, resume: bool = False) -> Iterator[RunDirectory]:
     """Make a directory for a run, named by its key, in ``parent`` or where temporary files go.
@@ -36,7 +45,7 @@ def run_directory(parent: Path | None, key: str, resume: bool = False) -> Iterat
     One of that name which nobody uses is what an earlier run of the same key left: with ``resume`` it is taken up, else
     emptied. Where another run uses it, the name gets an ending. Those of killed runs are removed after a week.
     """
-    parent = (Path(tempfile.gettempdir()) if parent is None else parent).absolute()  # workers have folders of their own
+    parent = store_parent(parent)
     _remove_abandoned(parent)
     path, ending = parent / f"{_SCRATCH}{key}", 0
     while True:
@@ -83,11 +92,15 @@ def _empty(path: Path) -> None:
 
 
 def _remove(path: Path) -> None:
-    """Remove a directory that is claimed, the lock last: nobody claims it before it is empty."""
-    with contextlib.suppress(OSError):  # somebody claims it now
-        _empty(path)
-        (path / _LOCK).unlink()
-        path.rmdir()
+    """Remove a directory that is claimed: it gets another name first, so that neither a late task nor another run is in it."""
+    gone = path.with_name(f"{_SCRATCH}{uuid.uuid4().hex}")
+    with contextlib.suppress(OSError):
+        path.rename(gone)
+        for _ in range(_TRIES):
+            shutil.rmtree(gone, ignore_errors=True)
+            if not gone.exists():
+                return
+            time.sleep(_PAUSE_S)  # a task was just writing
 
 
 def _remove_abandoned(parent: Path) -> None:

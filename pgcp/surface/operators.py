@@ -6,6 +6,7 @@ import numba
 import numpy as np
 from scipy.sparse import csr_array
 
+from pgcp.surface import plain
 from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 _SPARE = 1e-5
@@ -24,14 +25,25 @@ def _edge_lengths(vertices: FloatArray, face: IntArray, length: FloatArray) -> N
 
 
 @numba.njit(cache=True, nogil=True)
+def _needed(length: FloatArray, shortest: float) -> float:
+    """How much longer a face's edges are to be taken, 0 where its triangle inequality holds with 1e-10 of it to spare."""
+    longest = max(length.max(), shortest)
+    spare = length.sum() - 2.0 * length.max()
+    return 0.0 if spare >= _ENOUGH_SPARE * longest else _SPARE * longest - spare
+
+
+@numba.njit(cache=True, nogil=True)
 def _mollified_cotangents(vertices: FloatArray, faces: IntArray, mollification: float) -> FloatArray:
-    """Cotangents (F, 3) from edge lengths, each longer by the same ``mollification``: no triangle is degenerate then."""
-    out = np.empty((faces.shape[0], 3))
+    """Cotangents (F, 3), those of faces without area from edges taken longer: of each face by no more than it needs."""
+    out = cotangents(vertices, faces)
     length = np.empty(3)
     for f in range(faces.shape[0]):
         _edge_lengths(vertices, faces[f], length)
+        needed = _needed(length, mollification)
+        if needed == 0.0:
+            continue
         for i in range(3):
-            length[i] += mollification
+            length[i] += needed
         c, b, a = np.sort(length)
         # Heron's formula as Kahan orders it
         product = (a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c))
@@ -43,25 +55,27 @@ def _mollified_cotangents(vertices: FloatArray, faces: IntArray, mollification: 
 
 
 @numba.njit(cache=True, nogil=True)
-def _spare_length(vertices: FloatArray, faces: IntArray) -> tuple[float, float]:
-    """Least of (two shorter edges - longest edge) over all faces, and the mean edge length."""
-    spare, total = np.inf, 0.0
+def _most_needed(vertices: FloatArray, faces: IntArray) -> tuple[float, float]:
+    """Most that any face needs, and the mean edge length."""
+    most, total = 0.0, 0.0
     length = np.empty(3)
     for f in range(faces.shape[0]):
         _edge_lengths(vertices, faces[f], length)
-        spare = min(spare, length.sum() - 2.0 * length.max())
+        most = max(most, 1.0 if length.max() == 0.0 else _needed(length, 0.0) / length.max())
         total += length.sum()
-    return spare, total / (3.0 * faces.shape[0])
+    return most, total / (3.0 * faces.shape[0])
 
 
 def needed_mollification(vertices: FloatArray, faces: IntArray) -> float:
-    """How much longer all edges are to be taken for every triangle to have an area (Sharp, Crane 2020).
+    """The length that edges of faces without area are taken longer by, at the most (Sharp, Crane 2020).
 
-    0 where the triangle inequality holds everywhere with 1e-10 of the mean edge length to spare; else it then holds with
-    1e-5 of it.
+    0 where each face's triangle inequality holds with 1e-10 of its longest edge to spare. Where that of a face does not, its
+    own edges are taken longer, as much as it takes to have 1e-5 of the longest to spare; other faces keep their shape. A face
+    that is a point counts as one of the size returned, which is 1e-5 of the mean edge length.
     """
-    spare, mean = _spare_length(vertices, faces)
-    return 0.0 if spare >= _ENOUGH_SPARE * mean else float(_SPARE * mean - spare)
+    few = plain.is_few(faces, _most_needed)
+    most, mean = plain.most_needed(vertices, faces, _ENOUGH_SPARE, _SPARE) if few else _most_needed(vertices, faces)
+    return 0.0 if most == 0.0 else float(_SPARE * mean)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -107,6 +121,11 @@ def face_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return out
 
 
+def looked_at_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Area of every face (F,) of a mesh that may be refused: the same, without compiled code where faces are few."""
+    return plain.face_areas(vertices, faces) if plain.is_few(faces, face_areas) else face_areas(vertices, faces)
+
+
 def corner_weights(vertices: FloatArray, faces: IntArray, mollification: float = 0.0) -> FloatArray:
     """Half the cotangent of every corner (F, 3): what it adds to the weight of the edge opposite."""
     if mollification > 0.0:
@@ -121,8 +140,7 @@ def _weights(vertices: FloatArray, faces: IntArray, mollification: float) -> Flo
 def cotangent_laplacian(vertices: FloatArray, faces: IntArray, mollification: float = 0.0) -> csr_array:
     """Cotangent Laplacian L (n, n), symmetric positive semi-definite, off-diagonal -(cot a + cot b)/2 (PGCP eq. 4.6).
 
-    The sign is that of the Dirichlet energy: E_D(u) = 1/2 u^T L u. ``mollification`` lengthens every edge, for meshes with
-    faces of no area.
+    The sign is that of the Dirichlet energy: E_D(u) = 1/2 u^T L u. With ``mollification`` faces of no area count as thin ones.
     """
     tails, heads = faces[:, [1, 2, 0]].reshape(-1), faces[:, [2, 0, 1]].reshape(-1)
     return _laplacian(tails, heads, _weights(vertices, faces, mollification), len(vertices))

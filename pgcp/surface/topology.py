@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import numba
 import numpy as np
@@ -14,6 +15,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from pgcp.parallel import at_once, in_parts, in_slices
+from pgcp.surface import plain
 from pgcp.types import BoolArray, IntArray, Mesh
 
 BOUNDARY = -1
@@ -161,6 +163,9 @@ def _paired(faces: IntArray, vertex_count: int) -> tuple[IntArray, int, IntArray
     half_edge_count = 3 * len(faces)
     twins: IntArray = np.full(half_edge_count, BOUNDARY, np.int32 if half_edge_count < 2**31 else np.int64)
     faces = np.ascontiguousarray(faces)
+    if plain.is_few(faces, _pair):
+        edge_count, *odd = plain.pair(faces, twins)
+        return twins, edge_count, np.sort(odd[0]), np.sort(odd[1])
     parts = in_parts(partial(_pair, faces, twins), vertex_count, _LEAST_VERTICES)
     counts, crowded, turned = zip(*parts, strict=True)
     return twins, sum(counts), np.sort(np.concatenate(crowded)), np.sort(np.concatenate(turned))
@@ -205,6 +210,8 @@ def _split_fans(twins: IntArray, corner_count: IntArray, start: IntArray, first:
 
 def _vertices_of_fans(faces: IntArray, twins: IntArray, vertex_count: int) -> IntArray:
     """Vertices whose faces form more than one fan."""
+    if plain.is_few(faces, _fan_starts):
+        return plain.vertices_of_fans(faces, twins)
     split = partial(_split_fans, twins, *_fan_starts(faces, twins, vertex_count))
     return np.concatenate(in_parts(split, vertex_count, _LEAST_VERTICES))
 
@@ -259,6 +266,11 @@ def _component_count(twins: IntArray) -> int:
             leader[max(a, b)] = min(a, b)
             count -= 1
     return count
+
+
+def _components(faces: IntArray, twins: IntArray) -> int:
+    """Connected components of faces that share an edge."""
+    return plain.component_count(twins) if plain.is_few(faces, _component_count) else int(_component_count(twins))
 
 
 def _is_orientable(faces: IntArray, twins: IntArray) -> bool:
@@ -323,8 +335,8 @@ def examine(faces: IntArray, vertex_count: int) -> Topology:
         else:
             sentence = "the surface is not orientable (a Moebius band lies in it): {n} edges disagree, edges {which}"
             defects.append(_defect("not-orientable", ends(turned), sentence))
-    counted = at_once(
-        lambda: _component_count(twins), lambda: _vertices_of_fans(faces, twins, vertex_count) if not defects else None
+    counted: list[Any] = at_once(
+        lambda: _components(faces, twins), lambda: _vertices_of_fans(faces, twins, vertex_count) if not defects else None
     )
     if not defects:
         split = counted[1]

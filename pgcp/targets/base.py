@@ -22,7 +22,7 @@ class Target:
     name; summary: a line for the documentation; space: the plane or the sphere;
     constrain: where the points of a welded union lie; solve_exactly: the map of the undivided mesh; family: of the positions of
     the vertices in use, the Moebius maps that a correction chooses from; place: coordinates of a finished map in the target's
-    customary position;
+    customary position; place_exactly: near there by operations that round nothing, where rounding would fold faces;
     moebius: the correction that ``auto`` means; rank: the least one that fits a surface is what ``auto`` chooses;
     has_centre: whether a vertex can be brought to its centre; centre_is_all: whether that leaves no Moebius map to choose;
     has_free_boundary: whether the boundary goes where the map takes it, so that the map may overlap itself;
@@ -38,6 +38,7 @@ class Target:
     solve_exactly: Callable[[Run, Parts], Mapped]
     family: Callable[[Positions], Family]
     place: Callable[[Unplaced, int | None], FloatArray]
+    place_exactly: Callable[[Unplaced], FloatArray] | None = None
     moebius: str = "auto"
     rank: int = 9
     has_centre: bool = False

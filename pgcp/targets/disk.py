@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from pgcp.finish.families import Shifts
-from pgcp.finish.place import place_disk
+from pgcp.finish.place import as_they_are, place_disk
 from pgcp.interface.whole_mesh import map_open_exactly, whole_boundary
 from pgcp.patches.constrain import constrain_to_disk
 from pgcp.patches.run import Run
@@ -36,6 +36,7 @@ TARGET = Target(
     solve_exactly=partial(map_open_exactly, place=_to_the_circle),
     family=_shifts,
     place=place_disk,
+    place_exactly=as_they_are,
     rank=1,
     has_centre=True,
     centre_is_all=True,

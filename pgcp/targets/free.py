@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from pgcp.finish.families import Bends
-from pgcp.finish.place import place_free
+from pgcp.finish.place import place_free, scale_only
 from pgcp.interface.whole_mesh import as_it_is, map_open_exactly
 from pgcp.patches.constrain import keep_free
 from pgcp.plane.space import PLANE
@@ -19,6 +19,7 @@ TARGET = Target(
     solve_exactly=partial(map_open_exactly, place=as_it_is),
     family=Bends,
     place=place_free,
+    place_exactly=scale_only,
     moebius="none",
     rank=0,
     has_free_boundary=True,

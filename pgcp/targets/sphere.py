@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pgcp.finish.families import Boosts
-from pgcp.finish.place import place_sphere
+from pgcp.finish.place import place_sphere, turn_by_axes
 from pgcp.interface.whole_mesh import map_closed_exactly
 from pgcp.patches.constrain import constrain_to_sphere
 from pgcp.plane.space import SPHERE
@@ -23,6 +23,7 @@ TARGET = Target(
     solve_exactly=map_closed_exactly,
     family=_boosts,
     place=place_sphere,
+    place_exactly=turn_by_axes,
     rank=0,
     has_centre=True,
 )

@@ -24,6 +24,7 @@ import pgcp
 from pgcp.cli import parser
 from pgcp.cli.main import main
 from pgcp.cli.parser import _workers_of, build_parser
+from pgcp.cli.summary import _notes
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMAND = [sys.executable, "-m", "pgcp"]
@@ -90,7 +91,8 @@ def test_a_closed_surface_gives_a_sphere(folder):
     assert np.allclose(sphere[5], [0, 0, 1], atol=1e-12)
     again = pgcp.read_mesh(out / "egg.obj")
     assert np.array_equal(again.faces, mesh.faces)
-    assert np.allclose(again.vertices, sphere, atol=1e-8)
+    assert np.allclose(again.vertices, mesh.vertices, atol=1e-8)
+    assert b"\nvt " in (out / "egg.obj").read_bytes()
     header = (out / "egg.ply").read_bytes()[:400].decode("ascii", "ignore")
     assert "property double sx" in header
     report = json.loads((out / "report.json").read_text())
@@ -407,3 +409,13 @@ def test_an_interrupt_stops_cleanly_and_leaves_no_process(workers, tmp_path):
 def test_nothing_in_the_library_prints(folder, capfd):
     pgcp.parameterize(folder / "hills.obj", patches=3)
     assert capfd.readouterr() == ("", "")
+
+
+def test_an_embedding_is_told_in_a_sentence_that_does_not_contradict_itself():
+    report = {"repairs": [], "overlap": None, "single_precision_folds": 2}
+    told = _notes({**report, "fallback": {"from": "sphere", "to": "sphere (embedding)", "reason": "no weld closes"}})
+    assert "instead of sphere" not in told
+    assert "took the place of the conformal map to the sphere: no weld closes" in told
+    assert "rounded to 32-bit floats the map has 2 folds: PLY files hold it in doubles, GLB files do not" in told
+    told = _notes({**report, "fallback": {"from": "free", "to": "disk", "reason": "3 folds are left"}})
+    assert "instead of free, mapped to disk: 3 folds are left" in told

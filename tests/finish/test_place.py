@@ -108,3 +108,14 @@ def test_the_turn_weighs_faces_by_their_area():
     assert turn_to_surface(mesh, image) == pytest.approx(exact.apply(image), abs=1e-9)
     unweighted = Rotation.align_vectors(centres, places)[0]
     assert (exact * unweighted.inv()).magnitude() > 0.1
+
+
+def test_a_free_maps_boundary_not_all_its_vertices_has_its_mean_at_the_origin():
+    """Vertices are crowded on one side, which must not draw the map there."""
+    flat = grid(10)
+    mesh = Mesh(flat.vertices ** [3, 1, 1], flat.faces)
+    (boundary,) = examine(mesh.faces, len(mesh.vertices)).loops
+    z = mesh.vertices @ [1, 1j, 0]
+    placed = place_free(Unplaced(mesh, z, boundary, np.ones(len(z), bool)))
+    assert np.abs(placed[boundary].mean(axis=0)).max() < 1e-12
+    assert np.abs(placed.mean(axis=0)).max() > 0.01

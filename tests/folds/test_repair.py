@@ -18,6 +18,7 @@ from pgcp.methods import pgcp as welds
 from pgcp.options import REPAIRS
 from pgcp.patches import stored
 from pgcp.plane.space import PLANE, SPHERE
+from pgcp.retry import course
 from pgcp.surface.beltrami import folded_faces, folded_faces_on_sphere
 from pgcp.surface.topology import examine, rings_around
 from pgcp.targets.registry import TARGETS
@@ -240,6 +241,7 @@ def scrambled(_mesh, _parts, space):
 
 def test_the_last_tier_takes_away_what_no_other_does(monkeypatch):
     monkeypatch.setattr(stored, "collect", scrambled)
+    monkeypatch.setattr(course, "may_be_solved_in_logarithms", lambda *_: False)
     mesh = icosphere(3)
     result = pgcp.parameterize(mesh, patches=3)
     assert result.quality.folds == 0
@@ -257,6 +259,7 @@ def test_a_free_map_that_stays_folded_gives_way_to_the_disk(monkeypatch):
 
     for module in (welds, whole_mesh):
         monkeypatch.setattr(module, "gathered", mirrored)
+    monkeypatch.setattr(course, "may_be_solved_in_logarithms", lambda *_: False)
     result = pgcp.parameterize(stretched(0, 0.2, 1, 0.02), patches=2, target="free")
     assert (result.target, result.quality.folds) == ("disk", 0)
     assert re.fullmatch(r"38\d folds are left", result.report["fallback"]["reason"])
@@ -279,6 +282,7 @@ def test_an_open_surface_whose_welds_all_fail_is_embedded_in_the_disk(monkeypatc
 
     monkeypatch.setattr(welds, "weld", fail)
     monkeypatch.setattr(whole_mesh, "eliminated", fail)
+    monkeypatch.setattr(course, "may_be_solved_in_logarithms", lambda *_: False)
     mesh = stretched(0, 0.3, 2, 0.05)
     for target in ("free", "disk"):
         result = pgcp.parameterize(mesh, patches=3, target=target)

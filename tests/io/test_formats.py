@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 import json
 import struct
 import zipfile
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -19,7 +21,8 @@ from pgcp.cli.main import main
 from pgcp.errors import BadFileError, InputError
 from pgcp.io import formats
 from pgcp.io.formats import DEFAULT_OUTPUTS, FORMATS, Format, outputs, readable, register, writable
-from pgcp.io.write import write_mesh, write_outputs
+from pgcp.io.write import within, write_files, write_mesh, write_outputs
+from pgcp.report.texture import as_png
 
 
 def by_trimesh(data, kind):
@@ -60,6 +63,33 @@ def by_elementtree(data):
     return {"vertices": table("vertex", "xyz", float), "faces": table("triangle", ("v1", "v2", "v3"), int)}
 
 
+def by_pyvista(data, suffix, tmp_path):
+    pyvista = pytest.importorskip("pyvista")
+    (tmp_path / f"x{suffix}").write_bytes(data)
+    surface = pyvista.read(tmp_path / f"x{suffix}")
+    found = {"vertices": np.asarray(surface.points), "faces": surface.regular_faces}
+    arrays = {name: np.asarray(surface.point_data[name]) for name in surface.point_data.keys()}  # noqa: SIM118
+    return {**found, **arrays, **{name: np.asarray(surface.cell_data[name]) for name in surface.cell_data.keys()}}  # noqa: SIM118
+
+
+def by_nibabel(data, suffix, tmp_path):
+    nibabel = pytest.importorskip("nibabel")
+    (tmp_path / f"x{suffix}").write_bytes(data)
+    if suffix == ".sphere":
+        points, faces = nibabel.freesurfer.read_geometry(tmp_path / "x.sphere")
+        return {"vertices": points, "faces": faces}
+    arrays = nibabel.load(tmp_path / f"x{suffix}").darrays
+    names = {"NIFTI_INTENT_POINTSET": "vertices", "NIFTI_INTENT_TRIANGLE": "faces", "NIFTI_INTENT_SHAPE": "log_scale"}
+    return {names[nibabel.nifti1.intent_codes.niistring[array.intent]]: array.data for array in arrays}
+
+
+def by_genfromtxt(data):
+    rows = np.genfromtxt(io.BytesIO(data), delimiter=",", names=True)
+    names = {"vertices": ("x", "y", "z"), "uv": ("u", "v"), "sphere": ("sx", "sy", "sz")}
+    tables = {n: np.column_stack([rows[c] for c in columns]) for n, columns in names.items() if columns[0] in rows.dtype.names}
+    return {**tables, **{name: rows[name] for name in ("log_scale",) if name in rows.dtype.names}}
+
+
 # by format: the reader, and how far a number of about 1 may be off
 OTHERS = {
     "npz": (by_numpy, 0.0),
@@ -69,6 +99,11 @@ OTHERS = {
     "off": (lambda data: by_trimesh(data, "off"), 1e-8),
     "glb": (lambda data: by_trimesh(data, "glb"), 1e-6),
     "dae": (by_collada, 1e-6),
+    "csv": (by_genfromtxt, 0.0),
+    "vtp": (lambda data, path: by_pyvista(data, ".vtp", path), 0.0),
+    "surf.gii": (lambda data, path: by_nibabel(data, ".surf.gii", path), 1e-6),
+    "shape.gii": (lambda data, path: by_nibabel(data, ".shape.gii", path), 1e-6),
+    "sphere": (lambda data, path: by_nibabel(data, ".sphere", path), 1e-6),
     "3mf": (by_elementtree, 1e-15),
 }
 
@@ -88,9 +123,15 @@ def maps():
     }
 
 
-def image(result):
+def image(result, kind):
     values = result.coordinates
-    return values if values.shape[1] == 3 else np.column_stack([values, 0 * values[:, 0]])
+    return values * kind.sphere_radius if values.shape[1] == 3 else np.column_stack([values, 0 * values[:, 0]])
+
+
+def read_back(kind, data, folder):
+    """What another reader finds in a file's bytes."""
+    other, off = OTHERS[kind.name]
+    return (other(data, folder) if other.__code__.co_argcount == 2 else other(data)), off
 
 
 def test_every_format_that_is_written_is_read_back_by_another():
@@ -105,25 +146,137 @@ def test_a_map_is_read_back_as_it_is(kind, key, maps, tmp_path):
     *paths, report = write_outputs(tmp_path, "m", result, None, kinds=[kind.name])
     assert paths == [tmp_path / f"m{kind.suffixes[0]}"]
     assert report == tmp_path / "report.json"
-    other, off = OTHERS[kind.name]
-    found = other(paths[0].read_bytes())
-    surface = result.mesh.vertices if key in kind.carries else image(result)
-    wanted = {"vertices": surface, key: result.coordinates, "patch": result.patch, "mu": result.mu}
+    found, off = read_back(kind, paths[0].read_bytes(), tmp_path)
+    surface = result.mesh.vertices if key in kind.carries else image(result, kind)
+    wanted = {"vertices": surface, key: result.coordinates}
+    wanted |= {name: getattr(result, name) for name in ("patch", "mu", "log_scale", "angle_error", "area_ratio")}
     wanted = {name: values for name, values in wanted.items() if name in kind.carries}
-    assert set(found) == {*wanted, "faces"}
+    if kind.name == "vtp":
+        wanted["mu_abs"] = np.abs(wanted.pop("mu"))
+    assert set(found) == {*wanted, *(() if kind.name in ("csv", "shape.gii") else ("faces",))}
     if kind.name == "stl":  # corners only
         assert np.abs(found["vertices"][found["faces"]] - surface[result.mesh.faces]).max() < off
         return
-    assert np.array_equal(found["faces"], result.mesh.faces)
+    assert np.array_equal(found.get("faces", result.mesh.faces), result.mesh.faces)
     for name, values in wanted.items():
         assert np.abs(found[name] - values).max() <= off * max(1.0, np.abs(values).max())
+
+
+@pytest.mark.parametrize("kind", [kind for kind in writable() if "uv" in kind.carries], ids=lambda kind: kind.name)
+def test_texture_coordinates_are_those_of_the_layout_and_exact_ones_stay(kind, maps, tmp_path):
+    check(kind)
+    result = maps["uv"]
+    layout = result.layout()
+    path, report = write_outputs(tmp_path, "m", result, None, kinds=[kind.name], layout=layout)
+    found, off = read_back(kind, path.read_bytes(), tmp_path)
+    assert np.abs(found["uv"] - (result.uv if kind.is_exact else layout.points)).max() <= off
+    assert kind.is_exact == (kind.name in ("npz", "csv"))
+    said = json.loads(report.read_text())["texture"]
+    turn = np.exp(1j * np.radians(said["angle_deg"])) * said["scale"]
+    z = (result.uv @ [1, 1j]) * turn + np.dot(said["shift"], [1, 1j])
+    assert np.abs(np.column_stack([z.real, z.imag]) - layout.points).max() < 1e-12
+
+
+def corner_places(data):
+    """Places and texture coordinates (F, 3, 2) of all corners of an OBJ file, read line by line."""
+    v, vt, f = [], [], []
+    for line in data.decode().splitlines():
+        head, *words = line.split() or [""]
+        if head in ("v", "vt"):
+            (v if head == "v" else vt).append([float(word) for word in words])
+        elif head == "f":
+            f.append([[int(number) - 1 for number in word.split("/")] for word in words])
+    f = np.array(f)
+    return np.array(v), f[..., 0], np.array(vt)[f[..., 1]]
+
+
+def test_a_sphere_has_longitude_and_latitude_at_the_corners(maps, tmp_path):
+    result = maps["sphere"]
+    layout = result.layout()
+    names = [tmp_path / name for name in ("m.obj", "m.glb", "m.npz", "m.ply")]
+    assert write_files(names, result, layout=layout) == names
+    vertices, faces, corners = corner_places(names[0].read_bytes())
+    assert np.array_equal(faces, result.faces)
+    assert np.abs(vertices - result.mesh.vertices).max() < 1e-8
+    wanted = layout.points[layout.faces]
+    assert np.abs(corners - wanted).max() < 1e-8
+    found = by_trimesh(names[1].read_bytes(), "glb")
+    assert np.abs(found["uv"][found["faces"]] - wanted).max() < 1e-6
+    assert np.abs(found["vertices"][: len(vertices)] - result.mesh.vertices).max() < 1e-6
+    assert np.abs(found["vertices"][found["faces"]] - result.mesh.vertices[result.faces]).max() < 1e-6
+    assert np.array_equal(by_numpy(names[2].read_bytes())["sphere"], result.sphere)
+    assert np.array_equal(by_plyfile(names[3].read_bytes())["sphere"], result.sphere)
+
+
+def test_textured_files_open_elsewhere_with_their_picture(maps, tmp_path):
+    png, result = as_png("checker"), maps["uv"]
+    wanted = [tmp_path / name for name in ("m.obj", "m.obj.gz", "m.glb")]
+    paths = write_files(wanted, result, layout=result.layout(), texture=png)
+    assert {path.name for path in paths} == {"m.obj", "m.obj.gz", "m.glb", "m.mtl", "m_texture.png"} == {*names(tmp_path)}
+    assert (tmp_path / "m_texture.png").read_bytes() == png
+    for name in ("m.obj", "m.glb"):
+        mesh = trimesh.load_mesh(tmp_path / name, process=False, maintain_order=True)
+        material = mesh.visual.material
+        picture = material.image if name == "m.obj" else material.baseColorTexture
+        assert picture.size == (1024, 1024)
+        assert np.abs(mesh.visual.uv - result.layout().points).max() < 1e-6
+    assert material.doubleSided is False
+    assert np.abs(np.linalg.norm(mesh.vertex_normals, axis=1) - 1).max() < 1e-6
+    normals = glb_values((tmp_path / "m.glb").read_bytes(), "NORMAL")
+    by_angle = trimesh.Trimesh(result.mesh.vertices, result.faces, process=False).vertex_normals
+    assert (normals * by_angle).sum(axis=1).min() > 0.99
+    assert gzip.decompress((tmp_path / "m.obj.gz").read_bytes()) == (tmp_path / "m.obj").read_bytes()
+
+
+@pytest.mark.parametrize("name", ["m.xyz", "m", "m.gz", "m.png.gz", "obj"])
+def test_names_that_say_no_format_are_refused_before_anything_is_computed(name, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("pgcp.api.compute", lambda *_: pytest.fail("computed before the names were looked at"))
+    write_mesh(tmp_path / "in.obj", grid(2))
+    assert main([str(tmp_path / "in.obj"), "-o", str(tmp_path / name)]) == 2
+    assert "does not say what to write" in capsys.readouterr().err
+    assert main([str(tmp_path / "in.obj"), "--output", str(tmp_path / "in.obj")]) == 2
+    assert "take the place of the mesh" in capsys.readouterr().err
+    assert names(tmp_path) == ["in.obj"]
+
+
+def test_the_command_writes_files_by_name_and_a_folder_only_if_asked(tmp_path, capsys):
+    write_mesh(tmp_path / "m.obj", lifted(grid(6)))
+    words = [str(tmp_path / "m.obj"), "--patches", "2", "--quiet"]
+    wanted = [str(tmp_path / "out" / name) for name in ("a.glb", "b.png", "c.csv")]
+    assert main([*words, *(word for path in wanted for word in ("-o", path)), "--up", "z"]) == 0
+    assert names(tmp_path / "out") == ["a.glb", "b.png", "c.csv"]
+    assert (tmp_path / "out" / "b.png").read_bytes().startswith(b"\x89PNG")
+    assert names(tmp_path) == ["m.obj", "out"]
+    assert main([*words, "-o", wanted[0], "--output-dir", str(tmp_path / "two"), "--no-png", "--texture", "checker"]) == 0
+    assert names(tmp_path / "two") == ["m.mtl", "m.npz", "m.obj", "m.ply", "m_texture.png", "report.json"]
+    assert main([*words, "--output-dir", str(tmp_path / "two"), "--no-png", "--uv", "surface"]) == 0
+    assert names(tmp_path / "two") == ["m.npz", "m.obj", "m.ply", "report.json"]
+    assert json.loads((tmp_path / "two" / "report.json").read_text())["texture"] == {"kind": "surface"}
+    exact = by_numpy((tmp_path / "two" / "m.npz").read_bytes())["uv"]
+    assert np.abs(by_plyfile((tmp_path / "two" / "m.ply").read_bytes())["uv"] - exact).max() < 1e-6
+    assert main([*words, "--texture", str(tmp_path / "m.obj")]) == 2
+    assert "it is no picture" in capsys.readouterr().err
+
+
+def test_usual_results_of_large_binary_files_leave_out_obj(maps):
+    result = maps["uv"]
+    assert within(DEFAULT_OUTPUTS, result, 10) == DEFAULT_OUTPUTS
+    large = pgcp.Result.of(result)
+    object.__setattr__(large, "mesh", SimpleNamespace(vertices=range(500_000), faces=range(1_000_000)))
+    assert within(DEFAULT_OUTPUTS, large, 19_000_000) == ("npz", "ply")
+    assert within(DEFAULT_OUTPUTS, large, 60_000_000) == DEFAULT_OUTPUTS
 
 
 @pytest.mark.parametrize("kind", writable(), ids=lambda kind: kind.name)
 def test_what_is_written_is_read_by_ourselves_and_the_same_bytes_come_again(kind, maps, tmp_path):
     check(kind)
     result = maps["uv"]
-    if kind.read is None or "vertices" not in kind.carries:
+    if kind.read is None and "vertices" in kind.carries:
+        write_mesh(tmp_path / f"m{kind.suffixes[0].upper()}", result.mesh)
+        found, off = read_back(kind, (tmp_path / f"m{kind.suffixes[0].upper()}").read_bytes(), tmp_path)
+        assert np.abs(found["vertices"] - result.mesh.vertices).max() <= off
+        return
+    if kind.read is None:
         with pytest.raises(BadFileError, match=f"cannot write {kind.suffixes[0]}"):
             write_mesh(tmp_path / f"m{kind.suffixes[0]}", result.mesh)
         return
@@ -181,7 +334,7 @@ def test_small_and_large_numbers_survive_in_off(tmp_path):
 @pytest.mark.parametrize("kind", writable(), ids=lambda kind: kind.name)
 def test_equal_and_unused_vertices_are_written(kind, tmp_path):
     check(kind)
-    if kind.name in ("npz", "stl", "dae"):
+    if kind.read is None or kind.name in ("stl", "dae"):
         return  # no vertices; corners only
     points = np.vstack([grid(2).vertices, grid(2).vertices[:2]])
     write_mesh(tmp_path / f"m{kind.suffixes[0]}", pgcp.Mesh(points, np.vstack([grid(2).faces[1:], [9, 10, 4]])))
@@ -194,13 +347,13 @@ def test_equal_and_unused_vertices_are_written(kind, tmp_path):
 def test_coordinates_without_a_place_or_of_another_shape_are_refused(kind, maps, tmp_path):
     check(kind)
     path = tmp_path / f"m{kind.suffixes[0]}"
-    for key, name in (("uv", "coordinates uv; choose from"), ("sphere", "coordinates sphere; choose from .ply")):
+    for key, name in (("uv", "coordinates uv; choose from"), ("sphere", "coordinates sphere; choose from .csv, .ply, .vtp")):
         result = maps[key]
         if key in kind.carries:
             with pytest.raises(BadFileError if "vertices" not in kind.carries else InputError, match=r"shape|cannot write"):
                 write_mesh(path, result.mesh, **{key: result.coordinates[:, :1]})
         else:
-            with pytest.raises(BadFileError, match=f"a {kind.suffixes[0]} file has no place for the {name}"):
+            with pytest.raises(BadFileError, match=f"{kind.suffixes[0]} file has no place for the {name}|cannot write .shape"):
                 write_mesh(path, result.mesh, **{key: result.coordinates})
     assert list(tmp_path.iterdir()) == []
 
@@ -290,7 +443,9 @@ def test_the_registry_holds_together():
         assert kind.summary
         assert all(suffix.startswith(".") and suffix == suffix.lower() for suffix in kind.suffixes)
         if kind.write is not None:
-            assert set(kind.carries) <= {"vertices", "uv", "sphere", "patch", "mu", "vertex_of", "face_of"}
+            assert set(kind.carries) <= {"vertices", "uv", "uv_faces", "sphere", "patch", "mu", "vertex_of", "face_of"} | {
+                "normals", "log_scale", "angle_error", "area_ratio",
+            }  # fmt: skip
     assert [kind.name for kind in outputs(DEFAULT_OUTPUTS)] == list(DEFAULT_OUTPUTS)
 
 

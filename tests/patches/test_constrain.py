@@ -107,8 +107,10 @@ def test_points_closer_than_numbers_are_spread_out_and_counted():
     assert 1e-15 < found.smallest_gap < 2e-14
     assert found.spread_count > 0
     assert len(np.unique(found.points)) == len(z)
-    gaps = np.diff(np.unwrap(np.angle(np.append(found.points, found.points[0]))))
-    assert gaps.min() > 1.7e-14
+    # 2e-14 apart, but for half a spacing in the sum of all gaps up to a point, two roundings when sums are scaled to one turn,
+    # for either point, and one of each coordinate: together less than four spacings of 2 pi
+    apart = np.abs(np.roll(found.points, -1) - found.points)
+    assert apart.min() > 2e-14 - 4 * np.spacing(2 * np.pi)
     wide = constrain_to_disk(polygon_component(rectangle(18)))
     assert wide.smallest_gap > 2e-14
     assert wide.spread_count == 0

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from pgcp.plane.curves import crosses_itself
 from pgcp.plane.zipper import _right_root, close_arcs, open_arc, scale_variation
 
 COLLINEAR = {
@@ -72,6 +73,48 @@ def test_roots_have_both_parts_to_full_precision():
 def test_an_arc_that_runs_back_over_itself_is_stuck_where_it_does(arc, first):
     _, _, stuck = open_arc(np.array(arc, complex), np.array([5.0 + 5j]), 1.0)
     assert stuck == first
+
+
+FIGURES = {
+    "loop": [0, 2, 2 + 1j, 1 + 1j, 1 - 1j],
+    "eight": [0, 1 + 1j, 1, 1j],
+    "loop with a tail": [0, 2, 2 + 1j, 1 + 1j, 1 - 1j, 3 - 2j],
+}
+
+
+def through(corners, parts):
+    """Points along a polyline, each side in so many parts."""
+    corners = np.array(corners, complex)
+    sides = [a + (b - a) * np.arange(parts) / parts for a, b in pairwise(corners)]
+    return np.concatenate([*sides, corners[-1:]])
+
+
+@pytest.mark.parametrize(("arc", "first"), [([0, 1, 2, 2 + 1j, 1 + 1j, 1], 5), (through(FIGURES["loop"], 2), 7),
+                                            (through(FIGURES["eight"], 2), 5)])  # fmt: skip
+@pytest.mark.parametrize("branch", [1.0, -1.0])
+@pytest.mark.parametrize("turn", [1.0, 0.8 - 0.6j])
+def test_an_arc_that_comes_back_to_its_second_point_is_stuck_there(arc, first, branch, turn):
+    _, _, stuck = open_arc(turn * np.array(arc, complex), np.array([5.0 + 5j]), branch)
+    assert stuck == first
+
+
+@pytest.mark.parametrize("corners", FIGURES.values(), ids=FIGURES)
+@pytest.mark.parametrize("parts", [1, 3, 10, 40])
+@pytest.mark.parametrize("branch", [1.0, -1.0])
+def test_an_arc_that_crosses_itself_is_stuck_or_opened_to_numbers(corners, parts, branch):
+    """Between its points a crossing is not seen: gaps may shrink to 0, but are numbers, and the curve is known to cross.
+
+    Points beside it may be lost, where gaps are; a weld refuses positions that are not finite.
+    """
+    arc = through(corners, parts)
+    gaps, others, stuck = open_arc(arc, np.array([5.0 + 5j, -4.0 + 1j]), branch)
+    assert stuck == -1 or 1 < stuck < len(arc)
+    if stuck == -1:
+        assert np.isfinite(gaps).all()
+        assert (gaps >= 0).all()
+        assert np.isfinite(others).all() or gaps.min() == 0
+    closed = np.concatenate([arc, [4.0 - 4j, -4.0 - 4j]])
+    assert crosses_itself(closed)
 
 
 def test_equal_sides_are_closed_onto_a_straight_line():

@@ -9,10 +9,10 @@ from meshes import cap, grid, lifted, spheroid
 from PIL import Image
 
 import pgcp
-from pgcp.report.chart import linear_axis, log_axis, plain
+from pgcp.report.chart import _legible, linear_axis, log_axis, plain
 from pgcp.report.picture import _sample, _view_rotation, draw
 from pgcp.report.raster import _places, _visible, rasterise, view
-from pgcp.report.shade import _is_dark, _mercator, vertex_shapes
+from pgcp.report.shade import _darkness, _mercator, in_colours, lit, vertex_shapes
 
 
 def picture_of(result):
@@ -80,29 +80,91 @@ def test_the_picture_shows_all_patches_and_is_the_same_every_time():
     one = draw(result)
     assert one == draw(result)
     picture = picture_of(result)
-    middle = picture[:, picture.shape[1] // 3 : 2 * picture.shape[1] // 3, :3].reshape(-1, 3)
+    third = picture.shape[1] // 3
+    middle = picture[: picture.shape[0] // 2, third : 2 * third, :3].reshape(-1, 3)
     colours, counts = np.unique(np.round(middle, 2), axis=0, return_counts=True)
     assert (counts[colours.max(axis=1) - colours.min(axis=1) > 0.1] > 0.02 * len(middle)).sum() == 4
 
 
-def test_the_picture_of_a_sphere_shows_both_sides():
+def panel(picture, row, column):
+    """One of the six panels, without its caption."""
+    height, width = (picture.shape[0] - 38) // 2, picture.shape[1] // 3
+    return picture[38 + row * height + 30 : 38 + (row + 1) * height, column * width : (column + 1) * width]
+
+
+def test_the_picture_of_a_sphere_shows_both_sides_with_the_checkerboard():
     mesh, _ = spheroid(4, 2.0)
     image = picture_of(pgcp.parameterize(mesh, patches=3))
-    flat = picture_of(pgcp.parameterize(grid(8), patches=2))
-    assert image.shape[1] > 1.2 * flat.shape[1]
-    quarter = image.shape[1] // 4
-    for panel in (1, 2):
-        colours = image[:, panel * quarter : (panel + 1) * quarter, :3]
-        seen = colours[np.ptp(colours, axis=2) > 0.2]
-        assert len(seen) > 0.2 * colours.shape[0] * colours.shape[1]
+    for column in (1, 2):
+        seen = panel(image, 0, column)
+        blue, light = seen[..., 2] - seen[..., 0] > 0.2, seen[..., 0] - seen[..., 2] > 0.03
+        round_share = np.pi / 4 * 500**2 / blue.size
+        assert 0.3 < blue.mean() / round_share < 0.6
+        assert 0.3 < light.mean() / round_share < 0.6
+
+
+def test_colours_say_where_angles_err():
+    """A map that is sheared in one half only is coloured there and pale in the other."""
+    mesh = grid(24)
+    image = mesh.vertices[:, :2].copy()
+    image[:, 1] += 0.5 * np.maximum(image[:, 0] - 0.5, 0)
+    errors = pgcp.surface.distortion.angle_errors(mesh, image)
+    quality = pgcp.Quality(*[float(errors.max())] * 7, 0, 0.0)
+    result = pgcp.Parameterization(mesh, image, np.zeros(len(mesh.faces), int), np.zeros(len(mesh.faces)), quality, "free")
+    seen = panel(picture_of(result), 0, 2)[:430]
+    colour = seen[..., 0] - seen[..., 2] > 0.2
+    columns = np.flatnonzero((seen < 0.99).any(axis=(0, 2)))
+    middle = (columns[0] + columns[-1]) // 2
+    assert colour[:, middle + 5 : columns[-1] - 5].mean() > 0.7
+    assert colour[:, columns[0] + 5 : middle - 5].mean() < 0.01
+
+
+def test_colours_say_where_areas_grow():
+    mesh = grid(24)
+    image = mesh.vertices[:, :2] * 3.0
+    image[:, 0] = np.where(image[:, 0] > 1.5, 1.5 + 4 * (image[:, 0] - 1.5), image[:, 0])
+    quality = pgcp.Quality(*[1.0] * 7, 0, 0.0)
+    result = pgcp.Parameterization(mesh, image, np.zeros(len(mesh.faces), int), np.zeros(len(mesh.faces)), quality, "free")
+    seen = panel(picture_of(result), 1, 0)[:430]
+    columns = np.flatnonzero((seen < 0.99).any(axis=(0, 2)))
+    middle = (columns[0] + columns[-1]) // 2
+    left, right = seen[200, (columns[0] + middle) // 2], seen[200, (columns[-1] + middle) // 2]
+    assert (left[2] - left[0]) - (right[2] - right[0]) > 0.2
+
+
+def test_squares_fade_into_those_of_twice_their_size():
+    """No step of the scale changes the checkerboard abruptly, and at whole steps its squares are plain."""
+    scales = np.linspace(-4, 0, 4001)
+    for u, v in np.random.default_rng(0).uniform(-5, 5, (50, 2)):
+        darkness = np.array([_darkness(u, v, scale) for scale in scales])
+        assert np.abs(np.diff(darkness)).max() < 0.01
+        assert set(darkness[::1000]) <= {0.0, 1.0}
+
+
+def test_brightness_does_not_depend_on_the_side_and_is_even_over_faces():
+    mesh = grid(2)
+    shapes = vertex_shapes(mesh.vertices, mesh.faces, mesh.vertices[:, :2], (1.0, 1.0))
+    lights = np.array([[0.0, 0.6, 0.8], [0.0, 0.0, 1.0]])
+    ids, weights = np.arange(len(mesh.faces)), np.full((len(mesh.faces), 3), 1 / 3)
+    one = lit(ids, weights, mesh.faces, shapes, lights)
+    shapes[:, :3] *= -1
+    assert np.allclose(one, lit(ids, weights, mesh.faces, shapes, lights))
+    assert np.ptp(one, axis=0).max() < 1e-6
+    assert one[0, 0] == pytest.approx(0.42 + 0.48 * 0.8 + 0.14)
+
+
+def test_colours_lie_between_their_stops():
+    stops = ((0.0, 0.0, 0.0), (1.0, 0.5, 0.0))
+    assert np.allclose(in_colours(np.array([-1, 0, 0.5, 1, 2]), stops), [[0, 0, 0]] * 2 + [[0.5, 0.25, 0]] + [[1, 0.5, 0]] * 2)
 
 
 def test_the_checkerboard_of_a_sphere_has_even_squares_of_one_size():
     """On the round sphere near the equator: equal shares of dark and light, and no break where the turn closes."""
     angle = np.linspace(-np.pi, np.pi, 4001)[:-1]
-    dark = np.array([_is_dark(*_mercator(np.cos(turn), np.sin(turn), 0.1, np.log2(0.2))) for turn in angle])
+    size = np.log2(2 * np.pi / 32)
+    dark = np.array([_darkness(*_mercator(np.cos(turn), np.sin(turn), 0.1, size)) for turn in angle]) > 0.5
     runs = np.flatnonzero(dark != np.roll(dark, 1))
-    assert len(runs) in (32, 64)
+    assert len(runs) == 32
     assert np.ptp(np.diff(runs)) <= 2
     assert (runs[0] + 4000 - runs[-1]) - np.diff(runs)[0] <= 2
 
@@ -157,9 +219,26 @@ def test_logarithmic_ticks(ends):
         assert value == pytest.approx(tick, rel=2e-3)
 
 
-def test_names_are_written_with_the_letters_there_are():
+def test_names_are_written_out_where_no_typeface_has_their_letters(monkeypatch):
     assert plain("Büste_é.ply") == "Buste_e.ply"
-    assert plain("голова 1\n") == "?????? 1?"
+    assert plain("Голова щит 1") == "Golova shchit 1"
+    assert plain("κεφαλη") == "kefali"
+    assert plain("頭.ply") == "[982D].ply"
+    assert _legible("bust.ply") == ("bust.ply", "")
+    monkeypatch.setattr("pgcp.report.chart._OTHERS", ("no such typeface.ttf",))
+    _legible.cache_clear()
+    assert _legible("голова\n1") == ("golova 1", "")
+    _legible.cache_clear()
+
+
+def test_names_are_drawn_by_a_typeface_of_the_system_that_has_them(monkeypatch):
+    words, name = _legible("голова")
+    if name:
+        assert words == "голова"
+    result = pgcp.parameterize(grid(4), patches=1)
+    for title in ("голова.ply", "頭.ply", "رأس.ply", "\u202e\ud800x"):
+        mesh = pgcp.Mesh(result.mesh.vertices, result.mesh.faces, title)
+        assert (picture_of(replace(result, mesh=mesh))[8:30, 300:1300] < 0.5).any()
 
 
 def test_folded_maps_are_marked_in_red_and_descents_plotted():
@@ -170,8 +249,7 @@ def test_folded_maps_are_marked_in_red_and_descents_plotted():
     assert red(picture_of(folded)) > 100
     steps = [{"energy": 2.0**-k, "gradient_norm": 10.0**-k if k < 5 else 0.0} for k in range(6)]
     plotted = picture_of(replace(result, report={"iterations": steps}))
-    assert plotted.shape[1] * 3 == picture_of(result).shape[1] * 4
-    plot = plotted[60:, plotted.shape[1] // 2 : plotted.shape[1] * 3 // 4]
+    plot = panel(plotted, 1, 2)
     assert (plot[..., 0] - plot[..., 2] > 0.3).sum() > 200
     assert (plot[..., 2] - plot[..., 0] > 0.3).sum() > 200
     draw(replace(result, report={"iterations": steps[:1]}))

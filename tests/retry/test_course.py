@@ -16,7 +16,7 @@ class Splits:
     """Every attempt leads to a map, which is the attempt."""
 
     def __init__(self, run, method):
-        self.maps = []
+        self.maps, self.parts = [], None
 
     def map(self, attempt):
         return SimpleNamespace(attempt=attempt, route=attempt.route)
@@ -36,6 +36,7 @@ def kept(folds, monkeypatch, patches=4):
 
     monkeypatch.setattr(course, "_Splits", Splits)
     monkeypatch.setattr(course, "finish", finish)
+    monkeypatch.setattr(course, "mean_error", lambda _run, _done: 1.0)
     monkeypatch.setattr(course, "repaired_at_last", lambda _run, done: done)
     monkeypatch.setattr(course, "are_few", lambda _run, _folds: True)
     run = SimpleNamespace(

@@ -755,6 +755,35 @@ def test_two_runs_at_once_do_not_disturb_each_other(place, reference):
     assert (place.folder / "other" / "hills.npz").read_bytes() == place.result()
 
 
+def test_a_second_run_into_the_same_folder_says_so_before_it_works(place, reference):
+    place.hold("weld")
+    first = place.start("--quiet")
+    place.held(first, "weld")
+    assert (place.folder / "hills_pgcp").is_dir()
+    status, err = place.finish("--output-dir", "hills_pgcp/../hills_pgcp")
+    assert (status, err.count("\n")) == (2, 1)
+    assert "hills_pgcp: another run writes its results here; wait for it, or choose another folder" in err
+    assert place.done() - ONCE == Counter()
+    assert len(place.runs()) == 1
+    place.go()
+    assert place.end_of(first) == GOOD
+    assert_same(place, reference)
+    assert place.finish("--quiet") == GOOD
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_the_lock_of_a_folder_ends_with_its_run(number, place, reference):
+    place.hold("weld")
+    process = place.start("--quiet")
+    place.held(process, "weld")
+    process.send_signal(number)
+    place.go()
+    place.end_of(process)
+    assert (place.folder / "hills_pgcp").exists() == (number == signal.SIGKILL)
+    assert place.finish("--quiet", "--resume") == GOOD
+    assert_same(place, reference)
+
+
 # 10. TLS
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pgcp.errors import InputError
-from pgcp.runtime.forks import FORKS, WORKER_ENVIRONMENT, interrupts_for_this_process_only
+from pgcp.runtime.forks import FORKS, WORKER_ENVIRONMENT, interrupts_for_this_process_only, scratch
 
 _ANSWER_S = "10s"
 _QUIET = {  # what dask does beside tasks a hundred times a second, on the processors that they need
@@ -58,6 +58,7 @@ def start_cluster(workers: int) -> Any:
 
     settings: dict[str, Any] = {f"distributed.nanny.pre-spawn-environ.{name}": v for name, v in WORKER_ENVIRONMENT.items()}
     settings |= _QUIET
+    settings["temporary-directory"] = str(scratch())
     if FORKS and hasattr(distributed.utils, "get_mp_context"):  # an older dask cannot be told so late
         settings["distributed.worker.multiprocessing-method"] = "forkserver"
     try:
@@ -69,6 +70,7 @@ def start_cluster(workers: int) -> Any:
                 host="127.0.0.1",
                 dashboard_address="127.0.0.1:0",
                 silence_logs=logging.CRITICAL,
+                local_directory=str(scratch()),
             )
     except RuntimeError as problem:
         script = _script()
@@ -95,6 +97,19 @@ def silenced() -> Iterator[None]:
     finally:
         for logger, level in zip(loggers, before, strict=True):
             logger.setLevel(level)
+
+
+def checked_client(client: Any) -> Any:
+    """The same client; raises InputError for what is none, or none that can be used."""
+    from distributed import Client
+
+    if not isinstance(client, Client):
+        raise InputError(f"client is {client!r}, it must be a dask.distributed.Client (of a cluster, its get_client())")
+    if client.asynchronous:
+        raise InputError("client is asynchronous; give one made with asynchronous=False")
+    if client.status != "running":
+        raise InputError(f"client is {client.status}; give one that is connected to its scheduler")
+    return client
 
 
 def at_scheduler(scheduler: str | None, scheduler_file: Path | None, security: Security | None) -> Any:

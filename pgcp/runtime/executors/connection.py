@@ -14,7 +14,8 @@ from typing import Any
 
 from pgcp.errors import StoppedError
 from pgcp.parallel import leave
-from pgcp.runtime.executors.cluster import Security, at_scheduler, check_that_workers_can_start, silenced, start_cluster
+from pgcp.runtime.executors.cluster import check_that_workers_can_start, silenced, start_cluster
+from pgcp.runtime.executors.probe import check_workers
 from pgcp.runtime.forks import prepare_forks
 
 _COUNT_S = 2.0  # between two counts of the workers
@@ -109,20 +110,36 @@ class Connection:
 
 
 class Reached(Connection):
-    """A scheduler that runs elsewhere."""
+    """A scheduler that runs elsewhere: ``reach`` makes a client of it. Its workers are asked for the store's folder first."""
 
-    def __init__(
-        self, run: str, scheduler: str | None, scheduler_file: Path | None, security: Security | None, warm: Warm | None
-    ) -> None:
+    def __init__(self, run: str, reach: Callable[[], Any], warm: Warm | None, store: Path | None) -> None:
         super().__init__(run, warm)
-        self._reach = partial(at_scheduler, scheduler, scheduler_file, security)
-        self._held = self._reach()
+        self._reach = reach
+        self._held = reach()
         self._closing.enter_context(silenced())
+        try:
+            if store is not None:
+                check_workers(self._held, self._held.scheduler_info(n_workers=-1)["workers"], store)
+        except BaseException:
+            self.close()
+            raise
         self._warm_up(self._held)
 
     def reach_again(self) -> None:
         """See Connection."""
         self._held = self._reach()
+
+
+class Given(Reached):
+    """A client that somebody else has made and goes on to use."""
+
+    def reach_again(self) -> None:
+        """See Connection. Whoever closes the client means it."""
+
+    def close(self) -> None:
+        """See Connection; the client stays open."""
+        self._warming.clear()
+        self._closing.close()
 
 
 class Started(Connection):

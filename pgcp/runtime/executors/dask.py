@@ -4,21 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from pgcp.errors import LostFileError
 from pgcp.options import Running
 from pgcp.runtime.executors.base import Executor, ExecutorKind, Progress, Take, peak_bytes, silent
-from pgcp.runtime.executors.cluster import Security
-from pgcp.runtime.executors.connection import Connection, Reached, Started, return_memory
+from pgcp.runtime.executors.cluster import Security, at_scheduler, checked_client
+from pgcp.runtime.executors.connection import Connection, Given, Reached, Started, return_memory
 from pgcp.runtime.executors.submission import Done, Kind, Submission, Task
 from pgcp.runtime.executors.work import Joining, Speculation, Tasks
+from pgcp.runtime.run_directory import store_parent
 
 
 class DaskExecutor(Executor):
     """Tasks on dask workers: a local cluster of processes, or a running cluster.
 
+    The latter is that of a client, of a scheduler's address or of a scheduler file; its workers are asked first whether they
+    see the folder ``store``, where one is given, and have this version of the package: InputError says which does not.
     A local cluster starts in the background; the first tasks wait for it. It has a processor for each worker; joins share the
     processors of workers for which there is no other work. ``warm`` is called in each worker before its first task. A task
     whose worker is lost runs again, except a speculative one; so do all when a lost scheduler comes back. Where there is no
@@ -35,13 +39,17 @@ class DaskExecutor(Executor):
         progress: Progress = silent,
         security: Security | None = None,
         warm: Callable[[], None] | None = None,
+        client: Any = None,
+        store: Path | None = None,
     ) -> None:
         super().__init__(progress)
         self._connection: Connection
-        if scheduler is None and scheduler_file is None:
+        if client is not None:
+            self._connection = Given(run, partial(checked_client, client), warm, store)
+        elif scheduler is None and scheduler_file is None:
             self._connection = Started(run, workers, warm)
         else:
-            self._connection = Reached(run, scheduler, scheduler_file, security, warm)
+            self._connection = Reached(run, partial(at_scheduler, scheduler, scheduler_file, security), warm, store)
         self._submission = Submission(run, self._connection)
         self._offers: list[Speculation] = []
         self._behind: list[Task] = []  # wait for speculative work for the same place
@@ -191,7 +199,8 @@ class DaskExecutor(Executor):
 
 def _make(running: Running, run: str, progress: Progress, warm: Callable[[], None]) -> Executor:
     security = None if running.tls_files is None else Security(*running.tls_files)
-    return DaskExecutor(run, running.workers, running.scheduler, running.scheduler_file, progress, security, warm)
+    where = running.workers, running.scheduler, running.scheduler_file
+    return DaskExecutor(run, *where, progress, security, warm, running.client, store_parent(running.store))
 
 
 EXECUTOR = ExecutorKind("dask", "dask workers, started here or of a running cluster", _make, has_workers=True)

@@ -13,7 +13,10 @@ if TYPE_CHECKING:
     from pgcp.runtime.executors.base import Executor, ExecutorKind, Progress
 
 EXECUTORS: Registry[ExecutorKind] = Registry(
-    "executor", "pgcp.runtime.executors", "EXECUTOR", ("base", "cluster", "connection", "registry", "submission", "work")
+    "executor",
+    "pgcp.runtime.executors",
+    "EXECUTOR",
+    ("base", "cluster", "connection", "probe", "registry", "submission", "work"),
 )
 
 

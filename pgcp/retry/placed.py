@@ -1,0 +1,67 @@
+"""A finished map in its place: the last check for folds, and their repair, on the coordinates that are given out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pgcp.finish.place import Unplaced
+from pgcp.folds.repair import repair_folds
+from pgcp.patches.run import Run
+from pgcp.plane.space import Space, find_folds
+from pgcp.retry.course import Outcome
+from pgcp.retry.finished import EMBED, Finished, are_few, local_repairs, surroundings
+from pgcp.surface.topology import used_vertices
+from pgcp.types import FloatArray, IntArray
+
+
+def place_outcome(run: Run, outcome: Outcome) -> tuple[Outcome, FloatArray]:
+    """The outcome of a run, and its coordinates (V, 2) or (V, 3) in the target's customary place.
+
+    Placing rounds, which may fold faces that were not folded. A few folds are repaired where the map then lies. Where some are
+    left, the map is placed by operations that do not round, and last repaired by all means. Repairs made here are recorded with
+    the others.
+    """
+    done, mesh = outcome.done, run.mesh.bare
+    target, unplaced = done.target, Unplaced(mesh, done.points, run.boundary, used_vertices(mesh))
+    coordinates = target.place(unplaced, run.options.centre)
+    folded = find_folds(target.space, mesh.faces, target.space.positions(coordinates))
+    if len(folded) <= done.folds:
+        return outcome, coordinates
+    first = len(folded)
+    if are_few(run, first):
+        done, coordinates, folded = _repaired(run, done, coordinates, folded, local_repairs(run))
+    if len(folded) and target.place_exactly is not None and run.options.centre is None:
+        exact = target.place_exactly(unplaced)
+        left = find_folds(target.space, mesh.faces, target.space.positions(exact))
+        if len(left) < len(folded):
+            coordinates, folded = exact, left
+    if len(folded) and EMBED in run.options.repairs:
+        done, coordinates, folded = _repaired(run, done, coordinates, folded, (EMBED,))
+    return replace(outcome, done=done), coordinates
+
+
+def _repaired(
+    run: Run, done: Finished, coordinates: FloatArray, folded: IntArray, repairs: tuple[str, ...]
+) -> tuple[Finished, FloatArray, IntArray]:
+    """Repair folds of a map that is in its place; returns what is known of it then, its coordinates and its folds."""
+    space, faces = done.target.space, run.mesh.bare.faces
+    repaired = repair_folds(surroundings(run, done.target), space.positions(coordinates), repairs, folded)
+    touched = np.union1d(done.repaired.touched, repaired.touched)
+    records = done.repaired.records + repaired.records
+    done = replace(done, repaired=replace(done.repaired, touched=touched, records=records))
+    coordinates = space.coordinates(repaired.points)
+    return done, coordinates, find_folds(space, faces, space.positions(coordinates))
+
+
+def single_precision_folds(space: Space, faces: IntArray, coordinates: FloatArray) -> int:
+    """How many faces would be folded by coordinates rounded to 32-bit floats, in the plane also as (u, 1 - v) like in glTF."""
+    with np.errstate(over="ignore", under="ignore"):
+        kinds = [coordinates.astype(np.float32).astype(np.float64)]
+        if not space.closed:
+            turned = (1.0 - coordinates[:, 1]).astype(np.float32).astype(np.float64)
+            kinds.append(np.column_stack([kinds[0][:, 0], 1.0 - turned]))
+    if not all(np.isfinite(kind).all() for kind in kinds):
+        return len(faces)
+    return max(len(find_folds(space, faces, space.positions(kind))) for kind in kinds)
