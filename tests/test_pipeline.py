@@ -49,7 +49,7 @@ def test_a_cap_is_mapped_to_its_stereographic_projection(patches):
     errors_ = []
     for n in (10, 20, 40):
         mesh, exact = cap(n)
-        result = pgcp.parameterize(mesh, patches=patches)
+        result = pgcp.parameterize(mesh, patches=patches, polish="none")
         errors_.append(similarity_error(result.coordinates @ [1, 1j], exact))
     assert errors_[-1] < 7e-3
     assert np.log2(np.array(errors_[:-1]) / errors_[1:]).mean() > 0.7
@@ -59,8 +59,8 @@ def test_patches_change_the_map_little_and_less_under_refinement():
     distances = []
     for n in (16, 32, 64):
         mesh = lifted(grid(n))
-        whole = pgcp.parameterize(mesh, patches=1)
-        results = [pgcp.parameterize(mesh, patches=patches) for patches in (2, 4, 8)]
+        whole = pgcp.parameterize(mesh, patches=1, polish="none")
+        results = [pgcp.parameterize(mesh, patches=patches, polish="none") for patches in (2, 4, 8)]
         assert all(r.quality.angle_mean_deg < 1.1 * whole.quality.angle_mean_deg for r in results[:2])
         distances.append(max(similarity_error(r.coordinates @ [1, 1j], whole.coordinates @ [1, 1j]) for r in results))
     assert distances[-1] < 5e-3

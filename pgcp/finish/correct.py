@@ -28,6 +28,7 @@ _SLACK = 1.003  # how far a sample may mislead
 _FOLD_FRACTION = 0.0005
 _WORTH, _PROMISING = 0.99, 0.995
 _TINY = 1e-300
+_DIGITS = 6  # of a vector: maps that differ by rounding get the same correction
 _LONGEST = 1.0 - 1e-12
 
 
@@ -129,10 +130,10 @@ def correct(here: Setting, method: str) -> tuple[Positions, Correction]:
     whole = sample_angles(here.mesh, here.space, here.family, here.positions, sample)
     on_sample = whole.error
     if method != "area":
-        vector = least_angle(here.mesh, here.space, here.positions, sample, whole)
+        vector = np.round(least_angle(here.mesh, here.space, here.positions, sample, whole), _DIGITS)
         ratio = on_sample(vector) / max(on_sample(np.zeros(len(vector))), _TINY)
         if method == "angle" or ratio < _PROMISING:
             moved, correction = _try(here, "angle", vector, on_sample, before)
             if method == "angle" or correction.angle_mean_after_deg < _WORTH * correction.angle_mean_before_deg:
                 return moved, correction
-    return _try(here, "area", _least_area(here), on_sample, before)
+    return _try(here, "area", np.round(_least_area(here), _DIGITS), on_sample, before)

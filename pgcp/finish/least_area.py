@@ -12,7 +12,7 @@ from pgcp.types import ComplexArray, FloatArray
 _SMOOTH = 1e-2
 _STEPS = 200
 _LONGEST_STEP = 1.0
-_GAIN = 1e-12
+_GAIN = 1e-15
 
 
 def _log_of_sum(logs: FloatArray) -> float:

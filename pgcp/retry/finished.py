@@ -13,6 +13,7 @@ from pgcp.methods.base import Method
 from pgcp.options import AUTO
 from pgcp.patches.mapped import Mapped
 from pgcp.patches.run import Goal, Run
+from pgcp.plane.curves import crossings
 from pgcp.plane.space import find_folds
 from pgcp.surface.topology import used_vertices
 from pgcp.targets.base import Target
@@ -120,7 +121,7 @@ def repaired_at_last(run: Run, done: Finished) -> Finished:
 
 
 def polished(run: Run, method: Method, done: Finished) -> Finished:
-    """Polish a finished map where that is asked for; it has no more folds than before, and is repaired no more.
+    """Polish a finished map where that is asked for; it has no more folds and overlaps than before.
 
     ``auto`` does so where it takes less time than the map, and where not that map itself is asked for: one by a method of
     others, or one that is to be the same for any cuts.
@@ -133,5 +134,9 @@ def polished(run: Run, method: Method, done: Finished) -> Finished:
     with run.clock.stage("polish"):
         aim = BALANCED if options.polish == AUTO else LEAST_MEAN
         points, record = polish(run.mesh, space, done.points, run.boundary, done.target.has_free_boundary, aim)
+        if done.target.has_free_boundary and record.steps:
+            before, after = (len(crossings(z[run.boundary])) for z in (done.points, points))
+            if after > before:
+                return done
         folds = len(find_folds(space, run.mesh.bare.faces, points)) if record.steps else done.folds
     return replace(done, repaired=replace(done.repaired, points=points, folds=folds), polish=record)

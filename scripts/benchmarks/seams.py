@@ -39,7 +39,7 @@ def near_seams(result: pgcp.Parameterization) -> np.ndarray:
 def measure(mesh: pgcp.Mesh, target: str, patches: int, seams: str) -> dict[str, Any]:
     """One row."""
     start = time.perf_counter()
-    result = pgcp.compute(mesh, pgcp.Options(patches=patches, target=target, seams=seams, moebius="none"))
+    result = pgcp.compute(mesh, pgcp.Options(patches=patches, target=target, seams=seams, moebius="none", polish="none"))
     seconds = time.perf_counter() - start
     errors = angle_errors(result.mesh, result.coordinates).mean(axis=1)
     near = near_seams(result)

@@ -101,7 +101,7 @@ def test_auto_polishes_welded_maps_only(target):
     mesh = Mesh(np.column_stack([x, y, 0.4 * np.sin(5 * x) * np.cos(4 * y)]), hills.faces)
     assert is_quick(mesh)
     plain = pgcp.parameterize(mesh, patches=2, target=target, polish="none")
-    auto = pgcp.parameterize(mesh, patches=2, target=target)
+    auto = pgcp.parameterize(mesh, patches=2, target=target, polish="auto")
     angles = pgcp.parameterize(mesh, patches=2, target=target, polish="angles")
     assert plain.report["polish"] is None
     assert "polish" not in [stage["name"] for stage in plain.report["stages"]]
@@ -111,7 +111,7 @@ def test_auto_polishes_welded_maps_only(target):
     assert record["angle_mean_before_deg"] == pytest.approx(plain.quality.angle_mean_deg, rel=1e-6)
     assert record["angle_mean_after_deg"] == pytest.approx(angles.quality.angle_mean_deg, rel=1e-6)
     assert np.abs(angles.mu - plain.mu).max() > 1e-6
-    assert pgcp.parameterize(mesh, patches=2, target=target, seams="exact").report["polish"] is None
+    assert pgcp.parameterize(mesh, patches=2, target=target, seams="exact", polish="auto").report["polish"] is None
     other = pgcp.parameterize(mesh, method="dncp", target="free", polish="angles")
     assert other.report["polish"]["steps"] > 0
-    assert pgcp.parameterize(mesh, method="dncp", target="free").report["polish"] is None
+    assert pgcp.parameterize(mesh, method="dncp", target="free", polish="auto").report["polish"] is None
