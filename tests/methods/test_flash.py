@@ -1,0 +1,34 @@
+"""FLASH: its parts on small cases, and a sphere that comes back whatever the cuts."""
+
+from __future__ import annotations
+
+import numpy as np
+from meshes import icosphere
+
+import pgcp
+from pgcp.methods.flash import most_regular_face, rim_of, similar_triangle
+from pgcp.plane.space import SPHERE, find_folds
+from pgcp.types import Mesh
+
+
+def test_similar_triangle_keeps_angles():
+    corners = np.array([[0.0, 0, 1], [2, 0, 1], [0.5, 0, 2]])
+    assert np.allclose(similar_triangle(corners), [0, 1, 0.25 + 0.5j])
+
+
+def test_most_regular_face_is_the_equilateral_one():
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 3**0.5 / 2, 0], [3, 3, 0]])
+    assert most_regular_face(Mesh(vertices, np.array([[1, 3, 2], [0, 1, 2]]))) == 1
+
+
+def test_rim_separates_held_from_free():
+    faces = np.array([[0, 1, 2], [1, 3, 2], [2, 3, 4]])
+    assert rim_of(np.array([True, True, True, False, False]), faces).tolist() == [1, 2]
+
+
+def test_sphere_comes_back_up_to_moebius_and_cuts_do_not_matter():
+    mesh = icosphere(3)
+    one, other = (pgcp.parameterize(mesh, method="flash", patches=p, moebius="none") for p in (2, 5))
+    assert len(find_folds(SPHERE, mesh.faces, one.coordinates)) == 0
+    assert one.angle_error.mean() < 1.0
+    assert np.abs(one.coordinates - other.coordinates).max() < 1e-9
