@@ -58,7 +58,8 @@ class HalfPlane:
 def geodesic_map(boundary: ComplexArray, inside: ComplexArray) -> HalfPlane | int:
     """Map the domain in a simple closed curve (n,), counter-clockwise, to the upper half-plane.
 
-    Returns the number of the boundary point that could not be opened where the curve is not simple.
+    Returns the number of the boundary point that could not be opened where the curve is not simple, or of one that doubles
+    cannot tell from its neighbour.
     """
     try:
         gaps, moved, stuck = open_arc(boundary, inside, 1.0)
@@ -69,6 +70,8 @@ def geodesic_map(boundary: ComplexArray, inside: ComplexArray) -> HalfPlane | in
     if not (gaps > 0.0).all():
         return int(np.argmin(gaps > 0.0)) + 1
     p = np.cumsum(gaps)
+    if not (p[0] * p[1]) ** 2 > 0.0:  # it underflows
+        return 1
     x = np.concatenate([[-np.inf], -1.0 / p**2, [0.0]])
     # 1 / p^2 - 1 / r^2 = (r - p) (r + p) / (p r)^2
     steps = gaps[1:] * (p[:-1] + p[1:]) / (p[:-1] * p[1:]) ** 2

@@ -110,7 +110,7 @@ def test_a_result_that_may_not_grow_is_named(mesh_file, tmp_path, monkeypatch, c
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("pgcp.io.write._write", lambda stream, kind, _: full() if kind.name == "obj" else stream.write(b" "))
+    monkeypatch.setattr("pgcp.io.write._write", lambda stream, kind, *_: full() if kind.name == "obj" else {})
     assert main([str(mesh_file), "--output-dir", str(tmp_path), "--write", "npz,obj,ply", "--no-png", "--quiet"]) == 2
     where = f"{tmp_path}: cannot write the results: {tmp_path / 'hills.obj'}: No space left on device"
     assert without_progress(capsys.readouterr().err) == f"pgcp-run: {where}\n"

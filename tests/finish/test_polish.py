@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from meshes import cap, grid, icosphere
 
 import pgcp
+from pgcp.cli.main import main
 from pgcp.elimination.elements import SquaresSolver
 from pgcp.errors import SolveFailedError
 from pgcp.finish.polish import BALANCED, LEAST_MEAN, is_quick, polish
@@ -115,3 +118,16 @@ def test_auto_polishes_welded_maps_only(target):
     other = pgcp.parameterize(mesh, method="dncp", target="free", polish="angles")
     assert other.report["polish"]["steps"] > 0
     assert pgcp.parameterize(mesh, method="dncp", target="free", polish="auto").report["polish"] is None
+
+
+def test_the_command_polishes_where_it_is_asked_to(tmp_path):
+    surface, _, _ = case("free")
+    pgcp.write_mesh(tmp_path / "m.ply", surface)
+    means = {}
+    for wanted in ("none", "angles", "auto"):
+        out = tmp_path / wanted
+        assert main([str(tmp_path / "m.ply"), "--polish", wanted, "--quiet", "--no-png", "--output-dir", str(out)]) == 0
+        report = json.loads((out / "report.json").read_text())
+        means[wanted] = report["quality"]["angle_mean_deg"]
+        assert (report["polish"] is None) == (wanted == "none")
+    assert max(means["angles"], means["auto"]) < means["none"]
