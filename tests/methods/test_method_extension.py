@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from meshes import cap, grid, lifted
+from meshes import cap, grid, lifted, spheroid
 
 import pgcp
 from pgcp.cli.main import main
@@ -15,6 +15,7 @@ from pgcp.methods.common.boundary_energy import on_circle
 from pgcp.methods.common.disk import DiskMap, map_disk
 from pgcp.methods.registry import METHODS
 from pgcp.registry import Registry
+from pgcp.targets.registry import TARGETS
 
 
 def _by_length(disk):
@@ -74,8 +75,9 @@ def test_every_method_says_what_it_is_and_maps_to_all_its_targets(name):
     method = METHODS.get(name)
     assert method.name == name
     assert all((method.summary, method.guarantees, method.reference))
-    for target in method.targets or ("free", "disk"):
-        result = pgcp.parameterize(lifted(grid(8)), method=name, target=target, patches=2)
+    for target in method.targets or TARGETS.names():
+        mesh = spheroid(2, 1.3)[0] if TARGETS.get(target).space.closed else lifted(grid(8))
+        result = pgcp.parameterize(mesh, method=name, target=target, patches=2)
         assert (result.target, result.quality.folds) == (target, 0)
 
 
