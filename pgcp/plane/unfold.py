@@ -8,6 +8,7 @@ import numpy as np
 from pgcp.types import ComplexArray, FloatArray, IntArray
 
 _CLOSE, _NEARLY_CLOSE = 1e-9, 1e-6
+_LOOKED_AT, _MOST_AROUND, _BENT = 200, 40, 1e-6  # half-edges, faces around a vertex, radians
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -70,6 +71,25 @@ def _laid_out(vertices: FloatArray, faces: IntArray, twins: IntArray, start: int
     return out, size == faces.shape[0]
 
 
+def _is_bent(vertices: FloatArray, faces: IntArray, twins: IntArray) -> bool:
+    """Whether the angles around one of a few inner vertices clearly do not sum to 2 pi: a surface that is not developable."""
+    edge = np.arange(0, twins.size, max(1, twins.size // _LOOKED_AT))
+    start, here = edge.copy(), np.ones(len(edge), bool)
+    total = np.zeros(len(edge))
+    for _ in range(_MOST_AROUND):
+        face, corner = edge // 3, edge % 3
+        a, b, c = (vertices[faces[face, (corner + k) % 3]] for k in range(3))
+        u, v = b - a, c - a
+        total += here * np.arctan2(np.linalg.norm(np.cross(u, v), axis=1), (u * v).sum(axis=1))
+        following = twins[3 * face + (corner + 2) % 3]
+        closed = here & (following == start)
+        if (np.abs(total[closed] - 2.0 * np.pi) > _BENT).any():
+            return True
+        here &= (following >= 0) & ~closed
+        edge = np.where(here, following, edge)
+    return False
+
+
 def unfolded(vertices: FloatArray, faces: IntArray, twins: IntArray) -> ComplexArray | None:
     """Positions (V,) of a connected developable surface in the plane, every face as it is; None for any other surface.
 
@@ -77,6 +97,8 @@ def unfolded(vertices: FloatArray, faces: IntArray, twins: IntArray) -> ComplexA
     are laid out ring by ring about the smallest one, whose first corner comes to 0: what is small keeps its digits. A surface
     that is not developable is left at the first vertex at which faces do not close to a billionth of their size.
     """
+    if _is_bent(vertices, faces, twins):
+        return None
     edges = vertices[faces] - vertices[np.roll(faces, -1, axis=1)]
     squares = np.einsum("fij,fij->fi", edges, edges)
     if not squares.all():  # an edge of no length has no direction to turn a face to
