@@ -132,7 +132,8 @@ def on_the_globe(mesh: Mesh, sphere: FloatArray, up: str = "auto") -> Layout:
     # longitudes near that of the first corner that has one, then the pole between the others
     first = corners[np.arange(len(corners)), np.argmin(polar, axis=1)]
     near = corners - np.rint(corners - first[:, None])
-    near -= np.floor(np.where(polar, np.inf, near).min(axis=1, keepdims=True) + 1e-15) * (~polar.all(axis=1, keepdims=True))
+    least = np.where(polar, np.inf, near).min(axis=1, keepdims=True)
+    near -= np.floor(np.where(np.isfinite(least), least, 0.0) + 1e-15)  # a face may lie at the pole with all its corners
     known = np.maximum((~polar).sum(axis=1), 1)
     near = np.where(polar, (np.where(polar, 0.0, near).sum(axis=1) / known)[:, None], near)
     return _with_copies(mesh, points, near, {"kind": "longitude and latitude", "up": "xyz"[axis]})

@@ -112,3 +112,13 @@ def test_an_axis_that_is_none_is_refused():
     for lay, points in ((in_unit_square, grid(2).vertices[:, :2]), (on_the_globe, grid(2).vertices)):
         with pytest.raises(InputError, match="unknown axis 'w'; choose from auto, x, y, z"):
             lay(grid(2), points, "w")
+
+
+def test_faces_that_lie_at_the_pole_with_all_their_corners_have_finite_coordinates():
+    ball = icosphere(2)
+    points = ball.vertices.copy()
+    top = int(np.argmax(points[:, 2]))
+    around = np.unique(ball.faces[(ball.faces == top).any(axis=1)])
+    points[around] = np.array([0.0, 0.0, 1.0]) + 1e-12 * (points[around] - points[top])
+    layout = on_the_globe(ball, points / np.linalg.norm(points, axis=1, keepdims=True), "z")
+    assert np.isfinite(layout.points).all()
