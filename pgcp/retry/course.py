@@ -36,6 +36,7 @@ from pgcp.types import ComplexArray, IntArray
 
 _LISTED = 10
 _BEYOND_WELDS = 75.0  # log of a range of scales that no weld keeps: digits for half of it from either end
+_SQUEEZED = 20.0  # log of a range of scales at which welds fail because parts are long and thin
 _WRONG_DEG = 20.0  # mean angle error from which on a map without folds is not taken before others are tried
 _LARGE_DEG = 8.0  # mean angle error from which on a map is compared with the one solved in logarithms
 _GOOD_DEG = 2.0  # mean angle error up to which a free map is not compared with another
@@ -99,7 +100,7 @@ def _best(run: Run, method: Method) -> tuple[Finished, tuple[Tried, ...]]:
     splits, choice = _Splits(run, method), _choice(run)
     history: list[Tried] = []
     best: Finished | None = None
-    looked = False  # for a map in logarithms
+    spare: Finished | None = None  # a map in logarithms
     problem: NumericalError | PartitionInputError | None = None
     while (attempt := next_attempt(method.attempts(choice), history)) is not None:
         try:
@@ -122,16 +123,16 @@ def _best(run: Run, method: Method) -> tuple[Finished, tuple[Tried, ...]]:
             best = min(best or done, done, key=_by_folds)
             reason = f"{done.repaired.folds_before} folds, {done.folds} of them left after repair"
             history.append(Tried(attempt, found.route, reason, done.folds))
-        if not looked and (history[-1].crowded or best is not None):
-            looked, other = True, _in_logarithms(run, method, splits)
-            if other is not None and other.folds == 0 and mean_error(run, other) < _WRONG_DEG:
+        if len(history) == 1 and (other := _in_logarithms(run, method, splits)) is not None:
+            span = other.mapped.details["logarithms"]["range"]
+            is_needed = span > _SQUEEZED or history[0].crowded or best is not None
+            if is_needed and other.folds == 0 and mean_error(run, other) < _WRONG_DEG:
                 return other, _told(history)
-            if other is not None and (best is not None or other.folds == 0):
-                best = min(best or other, other, key=_by_folds)
-            if other is not None and other.mapped.details["logarithms"]["range"] > _BEYOND_WELDS:
+            spare = other if best is not None or other.folds == 0 else None
+            if span > _BEYOND_WELDS:
                 break
-    if best is None and not looked:
-        best = _in_logarithms(run, method, splits)
+    if spare is not None:
+        best = min(best or spare, spare, key=_by_folds)
     splits.discard()
     is_wrong = best is not None and not are_few(run, best.folds) and not target_of(run.target).has_free_boundary
     if best is None or (is_wrong and EMBED in run.options.repairs):
