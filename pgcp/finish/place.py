@@ -87,14 +87,15 @@ class Unplaced:
 
 
 @numba.njit(cache=True, nogil=True)
-def _smallest_face(faces: IntArray, z: ComplexArray) -> tuple[int, float]:
-    """First corner and first edge's length of the face for which that edge is shortest."""
+def _smallest_edge(faces: IntArray, z: ComplexArray) -> tuple[float, int]:
+    """Length of the shortest of the faces' first edges, along x or y, whichever is longer, and where it begins."""
     best, least = 0, np.inf
     for f in range(faces.shape[0]):
-        length = abs(z[faces[f, 1]] - z[faces[f, 0]])
+        edge = z[faces[f, 1]] - z[faces[f, 0]]
+        length = max(abs(edge.real), abs(edge.imag))
         if length < least:
             best, least = faces[f, 0], length
-    return best, least
+    return least, best
 
 
 def place_free(done: Unplaced, centre: int | None = None) -> FloatArray:
@@ -106,7 +107,7 @@ def place_free(done: Unplaced, centre: int | None = None) -> FloatArray:
     del centre
     mesh, z, boundary = done.mesh, done.positions, done.boundary
     middle = z[boundary].mean()
-    tip, size = _smallest_face(mesh.faces, z)
+    size, tip = min(in_slices(lambda begin, end: _smallest_edge(mesh.faces[begin:end], z), len(mesh.faces)))
     origin = z[tip] if size < _CROWDED * np.abs(z[boundary] - middle).max() else middle
     axis = np.exp(-0.5j * np.angle(np.sum((z[boundary] - middle) ** 2)))
     image = abs(signed_area(mesh.faces, z))

@@ -138,8 +138,8 @@ class Plane:
 
     def positions(self, coordinates: FloatArray) -> ComplexArray:
         """See Space."""
-        z: ComplexArray = coordinates[:, 0] + 1j * coordinates[:, 1]
-        return z
+        pairs: ComplexArray = np.array(coordinates, np.float64, order="C").view(np.complex128)
+        return pairs[:, 0]
 
     def coordinates(self, positions: ComplexArray) -> FloatArray:
         """See Space."""

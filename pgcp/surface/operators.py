@@ -6,6 +6,7 @@ import numba
 import numpy as np
 from scipy.sparse import csr_array
 
+from pgcp.parallel import in_slices
 from pgcp.surface import plain
 from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray
 
@@ -55,15 +56,26 @@ def _mollified_cotangents(vertices: FloatArray, faces: IntArray, mollification: 
 
 
 @numba.njit(cache=True, nogil=True)
+def _edge_length(vertices: FloatArray, p: int, q: int) -> float:
+    x, y, z = vertices[q, 0] - vertices[p, 0], vertices[q, 1] - vertices[p, 1], vertices[q, 2] - vertices[p, 2]
+    return float(np.sqrt(x * x + y * y + z * z))
+
+
+@numba.njit(cache=True, nogil=True)
 def _most_needed(vertices: FloatArray, faces: IntArray) -> tuple[float, float]:
-    """Most that any face needs, and the mean edge length."""
+    """Most that any face needs, as a part of its longest edge, and the sum of all edge lengths."""
     most, total = 0.0, 0.0
-    length = np.empty(3)
     for f in range(faces.shape[0]):
-        _edge_lengths(vertices, faces[f], length)
-        most = max(most, 1.0 if length.max() == 0.0 else _needed(length, 0.0) / length.max())
-        total += length.sum()
-    return most, total / (3.0 * faces.shape[0])
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        one, two, three = _edge_length(vertices, b, c), _edge_length(vertices, c, a), _edge_length(vertices, a, b)
+        longest, perimeter = max(one, two, three), one + two + three
+        spare = perimeter - 2.0 * longest
+        if longest == 0.0:
+            most = 1.0
+        elif spare < _ENOUGH_SPARE * longest:
+            most = max(most, _SPARE - spare / longest)
+        total += perimeter
+    return most, total
 
 
 def needed_mollification(vertices: FloatArray, faces: IntArray) -> float:
@@ -73,8 +85,11 @@ def needed_mollification(vertices: FloatArray, faces: IntArray) -> float:
     own edges are taken longer, as much as it takes to have 1e-5 of the longest to spare; other faces keep their shape. A face
     that is a point counts as one of the size returned, which is 1e-5 of the mean edge length.
     """
-    few = plain.is_few(faces, _most_needed)
-    most, mean = plain.most_needed(vertices, faces, _ENOUGH_SPARE, _SPARE) if few else _most_needed(vertices, faces)
+    if plain.is_few(faces, _most_needed):
+        most, mean = plain.most_needed(vertices, faces, _ENOUGH_SPARE, _SPARE)
+    else:
+        parts = in_slices(lambda begin, end: _most_needed(vertices, faces[begin:end]), len(faces))
+        most, mean = max(part[0] for part in parts), sum(part[1] for part in parts) / (3.0 * len(faces))
     return 0.0 if most == 0.0 else float(_SPARE * mean)
 
 
