@@ -86,10 +86,10 @@ def needed_mollification(vertices: FloatArray, faces: IntArray) -> float:
     that is a point counts as one of the size returned, which is 1e-5 of the mean edge length.
     """
     if plain.is_few(faces, _most_needed):
-        most, mean = plain.most_needed(vertices, faces, _ENOUGH_SPARE, _SPARE)
+        parts = [plain.most_needed(vertices, faces, _ENOUGH_SPARE, _SPARE)]
     else:
         parts = in_slices(lambda begin, end: _most_needed(vertices, faces[begin:end]), len(faces))
-        most, mean = max(part[0] for part in parts), sum(part[1] for part in parts) / (3.0 * len(faces))
+    most, mean = max(part[0] for part in parts), sum(part[1] for part in parts) / (3.0 * len(faces))
     return 0.0 if most == 0.0 else float(_SPARE * mean)
 
 

@@ -77,7 +77,7 @@ def face_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def most_needed(vertices: FloatArray, faces: IntArray, enough: float, spare: float) -> tuple[float, float]:
-    """Most that any face needs to have enough to spare, and the mean edge length: ``operators._most_needed``."""
+    """Most that any face needs to have enough to spare, and the sum of edge lengths: ``operators._most_needed``."""
     lengths = []
     for i in range(3):
         x, y, z = (vertices[faces[:, (i + 2) % 3]] - vertices[faces[:, (i + 1) % 3]]).T
@@ -85,9 +85,9 @@ def most_needed(vertices: FloatArray, faces: IntArray, enough: float, spare: flo
     total = lengths[0] + lengths[1] + lengths[2]
     longest = np.maximum(np.maximum(lengths[0], lengths[1]), lengths[2])
     has = total - 2.0 * longest
-    needed = np.where(has >= enough * longest, 0.0, spare * longest - has) / np.where(longest > 0.0, longest, 1.0)
+    needed = np.where(has >= enough * longest, 0.0, spare - has / np.where(longest > 0.0, longest, 1.0))
     most = float(np.where(longest > 0.0, needed, 1.0).max())
-    return most, float(np.cumsum(total)[-1]) / (3.0 * len(faces))  # added one by one, as in the loop
+    return most, float(np.cumsum(total)[-1])  # added one by one, as in the loop
 
 
 def extent(points: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
