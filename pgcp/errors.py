@@ -61,6 +61,10 @@ class WeldFailedError(NumericalError):
     """Two boundary curves could not be welded."""
 
 
+class BlurredError(WeldFailedError):
+    """Points of welded patches come so close that double precision cannot tell them apart."""
+
+
 class CrowdedError(NumericalError):
     """Parts of the surface are so long and thin that the target has no room for them in double precision."""
 

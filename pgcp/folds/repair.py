@@ -6,6 +6,7 @@
     untangle  vertices around a fold are moved one by one to where the faces around them are best (Freitag, Plassmann 2000)
     embed     disk and sphere: a map that cannot fold, drawn back towards the folded one wherever that folds nothing
 
+Before them, on the disk, faces with two edges on the boundary are lifted off the line that rounding leaves them on (``ears``).
 The first three go over narrow surroundings of the folds first, then over wider ones, and after untangling over the whole mesh
 with its outer boundary held. What a tier does is kept only where fewer folds are left.
 """
@@ -18,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pgcp.errors import SolveFailedError
+from pgcp.folds.ears import lifted_ears
 from pgcp.folds.embed import drawn_back, embed_disk, embed_sphere
 from pgcp.folds.grid import grid_sphere
 from pgcp.folds.regions import Region, averaged, can_be_solved, composed, regions_around, relaxed, whole_regions
@@ -209,6 +211,12 @@ def repair_folds(here: Surroundings, points: Positions, methods: tuple[str, ...]
     folded = find_folds(here.space, faces, points) if folded is None else folded
     before = len(folded)
     records: list[Repair] = []
+    if before and methods and len(here.boundary) and not here.has_free_boundary:
+        lifted = lifted_ears(points, faces, folded, here.boundary)
+        if lifted is not points:
+            folded = find_folds(here.space, faces, lifted)
+            records.append(Repair("lift", 0, before, len(folded), int((lifted != points).sum())))
+            points = lifted
     for method, rings in _steps(methods):
         if len(folded) == 0:
             break

@@ -9,6 +9,7 @@ import numpy as np
 
 from pgcp.errors import WeldFailedError
 from pgcp.interface.factor import InterfaceFactor
+from pgcp.interface.one_piece import OnePieceFactor
 from pgcp.interface.puncture import Opened, charts_of, close_on_sphere, close_region, open_at, puncture_face, straightened
 from pgcp.patches.mapped import Mapped
 from pgcp.patches.plan import plan_welds
@@ -19,11 +20,11 @@ from pgcp.patches.types import BoundaryCurve, Component, SeamPositions, SolveRep
 from pgcp.patches.weld import start_component, subdivide
 from pgcp.plane.curves import crosses_itself
 from pgcp.plane.space import PLANE, find_folds, map_coefficients
-from pgcp.types import ComplexArray, IntArray, Positions
+from pgcp.types import ComplexArray, IntArray, Mesh, Positions
 
 
 def eliminated(run: Run, parts: Parts, kept: IntArray) -> InterfaceFactor:
-    """The whole mesh's Laplacian with all but some vertices eliminated."""
+    """The whole mesh's Laplacian with all but some vertices eliminated, patch by patch."""
     plan = plan_welds(parts.split.table, parts.split.patch_count, run.is_closed)
     factor = InterfaceFactor(run.executor, parts.job, len(parts.patches), plan, kept, len(run.mesh.vertices))
     with run.clock.stage("eliminate"):
@@ -33,18 +34,38 @@ def eliminated(run: Run, parts: Parts, kept: IntArray) -> InterfaceFactor:
     return factor
 
 
+def _whole_factor(run: Run, parts: Parts, kept: IntArray) -> InterfaceFactor | OnePieceFactor:
+    """The same, or of the intrinsic triangulation where there is one, in one piece."""
+    if run.intrinsic is None:
+        return eliminated(run, parts, kept)
+    with run.clock.stage("eliminate"):
+        laplacian = run.intrinsic.laplacian(len(run.mesh.vertices))
+        return OnePieceFactor(laplacian, kept, run.job.backend, run.job.flattener)
+
+
+def _extended(
+    run: Run, parts: Parts, factor: InterfaceFactor | OnePieceFactor, values: ComplexArray
+) -> tuple[ComplexArray, ComplexArray, list[SolveReport]]:
+    """Positions z (V,) in the plane, mu (F,) and what is seen of the patches, from values (n_K,) at the kept vertices."""
+    if isinstance(factor, OnePieceFactor):
+        with run.clock.stage("solve"):
+            z = factor.extend(values)
+            return z, map_coefficients(PLANE, run.mesh, run.mesh.faces, z), []
+    with run.clock.stage("solve"):
+        solved = factor.extend_patches(factor.extend_seams(values))
+    with run.clock.stage("assemble"):
+        return *gathered(run, parts, PLANE), solved
+
+
 def map_open_exactly(run: Run, parts: Parts, place: Callable[[Run, ComplexArray], SeamPositions]) -> Mapped:
     """DNCP or SCP of a whole open mesh; ``place`` says where its free boundary z (n_B,) goes in the target."""
-    factor = eliminated(run, parts, run.boundary)
+    factor = _whole_factor(run, parts, run.boundary)
     with run.clock.stage("flatten"):
         z = factor.free_boundary(run.mesh.vertices[run.boundary])
     with run.clock.stage("constrain"):
         seams = place(run, z)
-    with run.clock.stage("solve"):
-        on_boundary = spread_out(seams, len(run.mesh.vertices))[run.boundary]
-        solved = factor.extend_patches(factor.extend_seams(on_boundary))
-    with run.clock.stage("assemble"):
-        points, mu = gathered(run, parts, PLANE)
+    on_boundary = spread_out(seams, len(run.mesh.vertices))[run.boundary]
+    points, mu, solved = _extended(run, parts, factor, on_boundary)
     factor.release()
     return Mapped(parts, run.target, points, mu, seams, solved, details={"interface": factor.record()})
 
@@ -68,15 +89,13 @@ def whole_boundary(run: Run, z: ComplexArray) -> Component:
 
 def map_closed_exactly(run: Run, parts: Parts) -> Mapped:
     """A whole closed mesh, opened at a face, mapped to the plane and closed on the sphere."""
-    opened = open_at(run.mesh, puncture_face(run.mesh))
-    factor = eliminated(run, parts, opened.kept)
+    triangles = run.mesh if run.intrinsic is None else Mesh(run.mesh.vertices, run.intrinsic.faces)
+    opened = open_at(triangles, puncture_face(triangles))
+    factor = _whole_factor(run, parts, opened.kept)
     with run.clock.stage("flatten"):
         z = factor.opened_positions()
     seams = SeamPositions(opened.kept, z)
-    with run.clock.stage("solve"):
-        solved = factor.extend_patches(factor.extend_seams(z))
-    with run.clock.stage("assemble"):
-        planar, _ = gathered(run, parts, PLANE)
+    planar, _, solved = _extended(run, parts, factor, z)
     with run.clock.stage("close"):
         points = _closed(run, planar, opened, factor)
         mu = map_coefficients(run.target.space, run.mesh, run.mesh.faces, points)
@@ -85,7 +104,7 @@ def map_closed_exactly(run: Run, parts: Parts) -> Mapped:
     return Mapped(parts, run.target, points, mu, seams, solved, details={"interface": factor.record()})
 
 
-def _closed(run: Run, z: ComplexArray, opened: Opened, factor: InterfaceFactor) -> Positions:
+def _closed(run: Run, z: ComplexArray, opened: Opened, factor: InterfaceFactor | OnePieceFactor) -> Positions:
     """The opened surface's planar map on the sphere, both sides of the second ring solved again in charts of their own."""
     points = close_on_sphere(run.mesh, straightened(run.mesh, z, opened.far))
     if opened.far.any():

@@ -14,6 +14,7 @@ from pgcp.plane.space import Space
 from pgcp.runtime.clock import Clock
 from pgcp.runtime.executors import Executor
 from pgcp.runtime.job import Job
+from pgcp.surface.intrinsic import Intrinsic
 from pgcp.surface.topology import Topology
 from pgcp.types import IntArray, Mesh
 
@@ -44,7 +45,10 @@ class Goal(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """One mesh to be mapped, and all that is known of it."""
+    """One mesh to be mapped, and all that is known of it.
+
+    intrinsic: a triangulation whose Laplacian takes the place of the mesh's where seams are solved exactly, in one piece.
+    """
 
     mesh: Mesh
     topology: Topology
@@ -56,6 +60,7 @@ class Run:
     job: Job
     executor: Executor
     clock: Clock
+    intrinsic: Intrinsic | None = None
 
     @property
     def boundary(self) -> IntArray:

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pgcp.errors import WeldFailedError
+from pgcp.errors import BlurredError, WeldFailedError
 from pgcp.patches.types import BoundaryCurve, Component, EdgeTable, WeldStep
 from pgcp.plane.curves import crosses_itself
 from pgcp.plane.natural import natural_boundary
@@ -187,7 +187,7 @@ def normalise(z: ComplexArray, edges: IntArray, lengths: FloatArray, poles: Comp
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = np.log(np.abs(image[edges[:, 0]] - image[edges[:, 1]]) / lengths)
     if not np.isfinite(scale).all():
-        raise WeldFailedError("a union is so crowded that some of its points cannot be told apart")
+        raise BlurredError("points of welded patches come so close that double precision cannot tell them apart")
     return (image - image.mean()) * np.exp(-np.average(scale, weights=lengths))
 
 

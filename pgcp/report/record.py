@@ -83,6 +83,7 @@ def run_report(
         "seams": mapped.seams_by,
         "interface": mapped.details.get("interface"),
         "logarithms": mapped.details.get("logarithms"),
+        "intrinsic": mapped.details.get("intrinsic"),
         "iterations": mapped.details.get("iterations", []),
         "converged": mapped.details.get("converged"),
         "boundary_points": int(mapped.parts.split.edges.parts.sum()),

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from pgcp.errors import CrowdedError, NumericalError, PartitionInputError, WeldFailedError
+from pgcp.errors import BlurredError, CrowdedError, NumericalError, PartitionInputError, WeldFailedError
 from pgcp.folds.repair import embedding_alone, repair_folds
 from pgcp.methods.base import FAILURES, Attempt, Choice, Failure, Mapper, Method
 from pgcp.options import AUTO
@@ -30,7 +31,8 @@ from pgcp.retry.finished import (
     surroundings,
     target_of,
 )
-from pgcp.retry.polar import free_of, may_be_solved_in_logarithms, mean_error, solved_in_logarithms
+from pgcp.retry.intrinsic import may_help, solved_intrinsically
+from pgcp.retry.polar import final_error, free_of, may_be_solved_in_logarithms, mean_error, solved_in_logarithms
 from pgcp.targets.registry import TARGETS
 from pgcp.types import ComplexArray, IntArray
 
@@ -112,10 +114,10 @@ def _best(run: Run, method: Method) -> tuple[Finished, tuple[Tried, ...]]:
             history.append(Tried(attempt, "split", str(refusal), stage="split"))
             continue
         if isinstance(found, Failure):
-            if found.problem is not None:
+            if found.problem is not None and (problem is None or found.stage != "exact"):
                 problem = found.problem.with_traceback(None)
-            crowded = isinstance(found.problem, CrowdedError)
-            history.append(Tried(attempt, found.label, str(found.problem), stage=found.stage, crowded=crowded))
+            crowded, blurred = (isinstance(found.problem, kind) for kind in (CrowdedError, BlurredError))
+            history.append(Tried(attempt, found.label, str(found.problem), None, found.stage, crowded, blurred))
         else:
             done = finish(run, method, found)
             if done.folds == 0 or method.to_target is None:
@@ -131,6 +133,8 @@ def _best(run: Run, method: Method) -> tuple[Finished, tuple[Tried, ...]]:
             spare = other if best is not None or other.folds == 0 else None
             if span > _BEYOND_WELDS:
                 break
+        if len(history) == 1 and (other := _intrinsically(run, method, splits, 0.0)) is not None and other.folds == 0:
+            return other, _told(history)
     if spare is not None:
         best = min(best or spare, spare, key=_by_folds)
     splits.discard()
@@ -154,13 +158,21 @@ def _in_logarithms(run: Run, method: Method, splits: _Splits) -> Finished | None
     return solved_in_logarithms(run, method, splits.parts)
 
 
+def _intrinsically(run: Run, method: Method, splits: _Splits, error: float) -> Finished | None:
+    """The map that is harmonic on other triangles, None where there is none or it is not wanted beside one with this error."""
+    if splits.parts is None or not may_help(run, method, error):
+        return None
+    return solved_intrinsically(run, method, splits.parts)
+
+
 def _compared(run: Run, method: Method, done: Finished, splits: _Splits) -> Finished:
-    """A map without folds, or where its errors are large the one solved in logarithms if that has smaller ones."""
-    error = mean_error(run, done) if done.folds == 0 else 0.0
-    if error < _LARGE_DEG:
+    """A map without folds, or of those found by other ways, each where it may be better, the one with the least errors."""
+    if done.folds:
         return done
-    other = _in_logarithms(run, method, splits)
-    return other if other is not None and other.folds == 0 and mean_error(run, other) < error else done
+    error = mean_error(run, done)
+    others = [_in_logarithms(run, method, splits) if error >= _LARGE_DEG else None, _intrinsically(run, method, splits, error)]
+    able = [done, *(other for other in others if other is not None and other.folds == 0)]
+    return min(able, key=partial(final_error, run)) if len(able) > 1 else done
 
 
 class _NothingError(Exception):

@@ -17,7 +17,8 @@ class Tried:
 
     label: the route as the report names it; folds: how many are left in its map, None where there is none;
     stage: what failed then, split, flatten, weld or exact, or plan where there is no such weld plan; crowded: whether it failed
-    because the target has no room for the surface in double precision.
+    because the target has no room for the surface in double precision; blurred: whether points came too close to be told apart
+    while patches were welded.
     """
 
     attempt: Attempt
@@ -26,6 +27,7 @@ class Tried:
     folds: int | None = None
     stage: str = ""
     crowded: bool = False
+    blurred: bool = False
 
     def record(self) -> dict[str, Any]:
         """What the report says of it."""
@@ -38,7 +40,8 @@ def next_attempt(order: Iterable[Attempt], history: Sequence[Tried]) -> Attempt 
 
     Two folded maps with the same number of patches are enough: a third weld of as many patches does not do better. Exact seams
     are tried once, since the map does not depend on the split. Where the disk has no room for the surface, no other weld of the
-    same split finds room, and if there is no map yet, neither do fewer patches.
+    same split finds room, and if there is no map yet, neither do fewer patches. Where all welds of a split are
+    blurred and exact seams fail as well, no other split is tried.
     """
     for attempt in order:
         if _is_hopeless(attempt, history):
@@ -49,11 +52,15 @@ def next_attempt(order: Iterable[Attempt], history: Sequence[Tried]) -> Attempt 
 
 
 def _is_hopeless(attempt: Attempt, history: Sequence[Tried]) -> bool:
-    """Whether fewer patches than were tried last would meet the same lack of room."""
-    if not history or attempt.patches >= history[-1].attempt.patches:
-        return False
+    """Whether fewer patches than were tried last, or other ones, would meet the same lack of room."""
     failed = [tried for tried in history if tried.stage != "plan"]
-    return failed[-1].crowded and all(tried.folds is None for tried in failed)
+    if not failed or any(tried.folds is not None for tried in failed):
+        return False
+    welds = [tried for tried in failed if tried.attempt.route != EXACT]
+    is_another = (attempt.patches, attempt.seed) != (failed[-1].attempt.patches, failed[-1].attempt.seed)
+    if is_another and 0 < len(welds) < len(failed) and all(tried.blurred for tried in welds):
+        return True
+    return attempt.patches < history[-1].attempt.patches and failed[-1].crowded
 
 
 def _is_pointless(attempt: Attempt, history: Sequence[Tried]) -> bool:

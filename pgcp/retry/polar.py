@@ -82,6 +82,15 @@ def free_of(run: Run, done: Finished) -> Finished:
 
 def mean_error(run: Run, done: Finished) -> float:
     """Mean angle error of a map, degrees: after its repair, or before its correction, on which the choice should not depend."""
-    points, mesh = done.points if done.repaired.folds_before else done.mapped.points, run.mesh.bare
+    return _mean_error(run, done, done.points if done.repaired.folds_before else done.mapped.points)
+
+
+def final_error(run: Run, done: Finished) -> float:
+    """Mean angle error of a map, degrees, after all."""
+    return _mean_error(run, done, done.points)
+
+
+def _mean_error(run: Run, done: Finished, points: Positions) -> float:
+    mesh = run.mesh.bare
     sample = Mesh(mesh.vertices, mesh.faces[:: len(mesh.faces) // _SAMPLE | 1])
     return float(angle_errors(sample, done.target.space.coordinates(points)).mean())

@@ -158,7 +158,7 @@ def cotangent_laplacian(vertices: FloatArray, faces: IntArray, mollification: fl
     The sign is that of the Dirichlet energy: E_D(u) = 1/2 u^T L u. With ``mollification`` faces of no area count as thin ones.
     """
     tails, heads = faces[:, [1, 2, 0]].reshape(-1), faces[:, [2, 0, 1]].reshape(-1)
-    return _laplacian(tails, heads, _weights(vertices, faces, mollification), len(vertices))
+    return edge_laplacian(tails, heads, _weights(vertices, faces, mollification), len(vertices))
 
 
 def triangle_laplacian(corners: ComplexArray, faces: IntArray, vertex_count: int) -> csr_array:
@@ -166,7 +166,7 @@ def triangle_laplacian(corners: ComplexArray, faces: IntArray, vertex_count: int
     flat = corners.reshape(-1)
     shapes = np.column_stack([flat.real, flat.imag, np.zeros(len(flat))])
     tails, heads = faces[:, [1, 2, 0]].reshape(-1), faces[:, [2, 0, 1]].reshape(-1)
-    return _laplacian(tails, heads, _weights(shapes, np.arange(len(flat)).reshape(-1, 3), 0.0), vertex_count)
+    return edge_laplacian(tails, heads, _weights(shapes, np.arange(len(flat)).reshape(-1, 3), 0.0), vertex_count)
 
 
 def positive_laplacian(
@@ -182,17 +182,18 @@ def positive_laplacian(
     keys, edge = np.unique(np.minimum(tails, heads) * n + np.maximum(tails, heads), return_inverse=True)
     weights = np.bincount(edge, _weights(vertices, faces, mollification))
     raised = (np.bincount(edge, np.repeat(chosen, 3)) > 0) & (weights < least)
-    return _laplacian(keys // n, keys % n, np.where(raised, least, weights), n), int(raised.sum())
+    return edge_laplacian(keys // n, keys % n, np.where(raised, least, weights), n), int(raised.sum())
 
 
 def uniform_laplacian(faces: IntArray, vertex_count: int) -> csr_array:
     """Laplacian (n, n) in which every edge weighs 1 (Tutte 1963)."""
     tails, heads = faces[:, [1, 2, 0]].reshape(-1).astype(np.int64), faces[:, [2, 0, 1]].reshape(-1).astype(np.int64)
     keys = np.unique(np.minimum(tails, heads) * vertex_count + np.maximum(tails, heads))
-    return _laplacian(keys // vertex_count, keys % vertex_count, np.ones(len(keys)), vertex_count)
+    return edge_laplacian(keys // vertex_count, keys % vertex_count, np.ones(len(keys)), vertex_count)
 
 
-def _laplacian(tails: IntArray, heads: IntArray, values: FloatArray, n: int) -> csr_array:
+def edge_laplacian(tails: IntArray, heads: IntArray, values: FloatArray, n: int) -> csr_array:
+    """Laplacian (n, n) of edges from tails (E,) to heads (E,) with these weights (E,); edges may be given in parts."""
     rows = np.concatenate([tails, heads, tails, heads])
     columns = np.concatenate([heads, tails, tails, heads])
     data = np.concatenate([-values, -values, values, values])

@@ -38,6 +38,7 @@ def kept(folds, monkeypatch, patches=4):
     monkeypatch.setattr(course, "finish", finish)
     monkeypatch.setattr(course, "mean_error", lambda _run, _done: 1.0)
     monkeypatch.setattr(course, "repaired_at_last", lambda _run, done: done)
+    monkeypatch.setattr(course, "may_help", lambda *_: False)
     monkeypatch.setattr(course, "are_few", lambda _run, _folds: True)
     run = SimpleNamespace(
         options=Options(),

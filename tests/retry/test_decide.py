@@ -109,6 +109,15 @@ def test_where_there_is_no_room_fewer_patches_find_none_either():
     assert {a.patches for a in made} == {4}
 
 
+def test_where_every_weld_of_a_split_is_blurred_and_exact_seams_fail_no_other_split_is_tried():
+    attempts = order(patches=4)
+    welds = [Tried(a, 0.0, "made to fail", None, "weld", blurred=True) for a in attempts[:PLANS]]
+    assert next_attempt(attempts, welds) == Attempt(4, 0, EXACT)
+    assert next_attempt(attempts, [*welds, failed(Attempt(4, 0, EXACT), "exact")]) is None
+    other = [failed(attempts[0], "weld"), *welds[1:], failed(Attempt(4, 0, EXACT), "exact")]
+    assert next_attempt(attempts, other) == Attempt(4, 1, 0)
+
+
 def test_fewer_patches_are_tried_where_there_was_a_map_or_another_failure():
     attempts = order(patches=4)
     tried = [a for a in attempts if a.patches == 4]

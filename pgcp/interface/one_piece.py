@@ -1,0 +1,45 @@
+"""A mesh's Laplacian eliminated in one piece, in this process: for a Laplacian that the patches do not have."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from pgcp.elimination.dirichlet import eliminate_interior
+from pgcp.interface.puncture import Charts, alternated, opened_positions
+from pgcp.patches.flatten import flatten_boundary
+from pgcp.types import ComplexArray, FloatArray, IntArray
+
+
+class OnePieceFactor:
+    """All vertices but ``kept`` (n_K,) eliminated from a Laplacian (n, n); methods as those of ``InterfaceFactor``."""
+
+    def __init__(self, laplacian: csr_array, kept: IntArray, backend: str, flattener: str) -> None:
+        self._kept, self._flattener = kept, flattener
+        self._factor = eliminate_interior(laplacian, kept, backend)
+
+    def free_boundary(self, positions: FloatArray) -> ComplexArray:
+        """Free conformal positions z (n_K,) of the kept vertices, a disk's boundary; positions (n_K, 3) on the surface."""
+        return flatten_boundary(self._factor.schur, positions, self._flattener)
+
+    def opened_positions(self) -> ComplexArray:
+        """Planar positions z (n_K,) of the kept vertices of an opened surface."""
+        return opened_positions(self._factor.schur)
+
+    def alternated(self, charts: Charts) -> Charts:
+        """Kept vertices of an opened surface, harmonic in two charts."""
+        return alternated(charts, self._factor.schur)
+
+    def extend(self, boundary_values: ComplexArray) -> ComplexArray:
+        """Values (n,) of the discrete harmonic function with the given values at kept vertices (n_K,)."""
+        return self._factor.extend(np.asarray(boundary_values, np.complex128))
+
+    def release(self) -> None:
+        """Free the factor."""
+        self._factor.release()
+
+    def record(self) -> dict[str, Any]:
+        """What the report says of it."""
+        return {"vertices": len(self._kept), "bytes": 8 * len(self._kept) ** 2, "levels": []}
