@@ -1,4 +1,4 @@
-"""A map that is harmonic on the intrinsic Delaunay triangulation, as one more attempt beside the welds, for needle-shaped faces."""
+"""A map that is harmonic on the intrinsic Delaunay triangulation, as one more attempt beside the welds, for meshes with needles."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def may_help(run: Run, method: Method, error: float) -> bool:
 def solved_intrinsically(run: Run, method: Method, parts: Parts) -> Finished | None:
     """The finished map, with its seams solved exactly; None where it cannot be solved.
 
-    Faces of the mesh may be folded though no triangle is. They are unfolded by positive weights, and the rest is then drawn back
-    to where it was.
+    Faces of the mesh may be folded though no triangle is. They are unfolded by positive weights, and the rest is then drawn
+    back to where it was.
     """
     with run.clock.stage("intrinsic"):
         intrinsic = intrinsic_delaunay(run.mesh, run.topology.twins, run.mollification)

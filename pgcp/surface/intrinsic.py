@@ -1,4 +1,4 @@
-"""Intrinsic Delaunay triangulations: the same surface and vertices, other edges, drawn on the surface (Bobenko, Springborn 2007).
+"""Intrinsic Delaunay triangulations: the same surface and vertices, edges flipped on the surface (Bobenko, Springborn 2007).
 
 Their cotangent weights are not negative. Where faces are needles, harmonic functions that are linear on these triangles are far
 more accurate than those that are linear on the faces (Sharp, Soliman, Crane 2019).
@@ -21,8 +21,9 @@ _MOST_FLIPS = 20  # per half-edge; many times what any surface has needed
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Intrinsic:
-    """An intrinsic triangulation: triangles (F, 3) in the mesh's vertices, lengths (F, 3) of the edges from each of their corners
-    to the next, and how many flips led to it. A pair of vertices may have several edges between them.
+    """An intrinsic triangulation: triangles (F, 3) in the mesh's vertices, and how many flips led to it.
+
+    lengths (F, 3): of the edge from each corner to the next. A pair of vertices may have several edges between them.
     """
 
     faces: IntArray
