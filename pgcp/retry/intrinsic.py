@@ -1,4 +1,4 @@
-"""A map that is harmonic on the intrinsic Delaunay triangulation, as one more attempt beside the welds, for meshes with needles."""
+"""A map that is harmonic on the intrinsic Delaunay triangulation, as one more attempt, for meshes with needles."""
 
 from __future__ import annotations
 
