@@ -106,6 +106,8 @@ def parameterize(
     centre: int | None = None,
     moebius: str = AUTO,
     polish: str = "none",
+    weld_distance: float | None = 0.0,
+    component: str = "largest",
     cuts: str | Path | None = None,
     repair_cuts: bool = False,
     method: str = METHOD,
@@ -142,7 +144,7 @@ def parameterize(
     as_given = partial(cast, Any)  # options are made of the type they have where they are checked
     options = Options(
         patches, target, centre, moebius, as_given(cuts), repair_cuts, method, flatten, seams, backend, seed, repairs,
-        no_overlap, fix, polish,
+        no_overlap, fix, polish, weld_distance, component,
     )  # fmt: skip
     running = Running(
         workers, scheduler, as_given(scheduler_file), executor, as_given(store), factor_cache_bytes, memory_limit_bytes, resume,

@@ -14,7 +14,9 @@ import numpy as np
 from pgcp.elimination.dirichlet import choose_backend
 from pgcp.errors import InputError, PgcpError
 from pgcp.finish.quality import measure_quality
-from pgcp.intake.check import Geometry, inspect, inspect_mended
+from pgcp.intake.check import Geometry, Inspection, advised, inspect_mended, look
+from pgcp.intake.give_back import give_back
+from pgcp.intake.given import LARGEST, Given, take
 from pgcp.intake.mend import Mended, unmended
 from pgcp.io.read import read_cuts
 from pgcp.methods.base import Method
@@ -35,6 +37,7 @@ from pgcp.runtime.job import Job
 from pgcp.runtime.resume import resumable, run_key
 from pgcp.runtime.sizing import Plan, make_plan
 from pgcp.runtime.versions import package_versions
+from pgcp.source import Origin
 from pgcp.surface.topology import Topology
 from pgcp.targets.base import Target
 from pgcp.targets.fitting import Asked, check_options
@@ -82,9 +85,11 @@ def map_surface(mesh_of: Callable[[], Mesh], asked: Options, running: Running, p
 class _Taken:
     """A mesh that can be mapped, of about unit size at the origin, and what it was made from."""
 
+    input: Mesh
     mesh: Mesh
     topology: Topology
     geometry: Geometry
+    given: Given
     mended: Mended
     target: Target
     options: Options
@@ -97,13 +102,27 @@ def _taken_in(mesh_of: Callable[[], Mesh], method: Method, options: Options, clo
         mesh = mesh_of()
     with clock.stage("check"):
         asked_for = Asked(options.target, method.targets)
-        seen = inspect_mended(mesh, asked_for) if options.fix else inspect(mesh, asked_for)
+        given, seen = _inspected(mesh, asked_for, options)
         topology, geometry = seen.accepted()
-        mended, target = seen.mended or unmended(mesh), asked_for.chosen(topology)
-        check_options(options, mesh, target)
+        mended, target = seen.mended or unmended(given.mesh), asked_for.chosen(topology)
+        if options.centre is not None:
+            options = replace(options, centre=given.vertex_now(options.centre))
+        check_options(options, given.mesh, target)
         options = _renumbered(options, mended)
-        cuts = None if options.cuts is None else read_cuts(options.cuts)
-        return _Taken(geometry.mesh, topology, geometry, mended, target, options, cuts)
+        cuts = None if options.cuts is None else given.vertices_now(read_cuts(options.cuts))
+        return _Taken(mesh, geometry.mesh, topology, geometry, given, mended, target, options, cuts)
+
+
+def _inspected(mesh: Mesh, asked: Asked, options: Options) -> tuple[Given, Inspection]:
+    """What of a mesh is mapped, and what that is; where it is to be fixed, mending chooses the component."""
+    seen = look(mesh, asked)
+    component = None if options.fix and options.component == LARGEST else options.component
+    given = take(mesh, seen.topology, asked, options.weld_distance, component)
+    if options.fix:
+        return given, inspect_mended(given.mesh, asked, given.topology)
+    if given.mesh is not mesh:
+        seen = look(given.mesh, asked, given.topology)
+    return given, advised(given.mesh, asked, seen)
 
 
 def _run(taken: _Taken, plan: Plan, job: Job, clock: Clock) -> Run:
@@ -124,10 +143,19 @@ def _result(
     in_single = single_precision_folds(target.space, taken.mesh.bare.faces, coordinates)
     report = run_report(taken.mesh.bare, outcome, quality, taken.geometry.mollification * unit, fixes, where)
     report["single_precision_folds"] = in_single
+    report["input"] = list(taken.given.notes)
     patch = outcome.done.mapped.parts.split.labels[: len(mu)]
-    vertex_of, face_of = (mended.vertex_of, mended.face_of) if taken.options.fix else (None, None)
-    name = target.space.coordinates_name
-    return Parameterization(mended.mesh.bare, coordinates, patch, mu, quality, target.name, report, vertex_of, face_of, name)
+    name, is_part = target.space.coordinates_name, taken.options.fix or taken.given.face_of is not None
+    if taken.given.is_whole:
+        vertex_of, face_of = (mended.vertex_of, mended.face_of) if is_part else (None, None)
+        return Parameterization(
+            mended.mesh.bare, coordinates, patch, mu, quality, target.name, report, vertex_of, face_of, name
+        )
+    back = give_back(taken.input, taken.given, mended)
+    vertex_of, face_of = (back.vertex_of, back.face_of) if is_part else (None, None)
+    origin = Origin(back.point_of, back.vertex_of)
+    coordinates = coordinates[back.point_of]
+    return Parameterization(back.mesh, coordinates, patch, mu, quality, target.name, report, vertex_of, face_of, name, origin)
 
 
 def _planned(taken: _Taken, running: Running, executor: Executor) -> Plan:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from pgcp.errors import DegenerateError, InputError
+
+if TYPE_CHECKING:
+    from pgcp.source import Origin
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -93,7 +96,8 @@ class Parameterization:
 
     coordinates (V, 2) in the plane (targets free and disk) or unit vectors (V, 3) (target sphere). Where the mesh was to be
     fixed, ``mesh`` is the fixed one, and vertex_of (V,) and face_of (F,) say which vertex and face of the input each of its
-    own is; else they are None. coordinates_name: what coordinates are called in files, uv or sphere.
+    own is; else they are None. coordinates_name: what coordinates are called in files, uv or sphere. origin: the way back to
+    what the input was, where it was more than vertices and triangles, or vertices were joined; None elsewhere.
     """
 
     mesh: Mesh
@@ -106,6 +110,7 @@ class Parameterization:
     vertex_of: IntArray | None = None
     face_of: IntArray | None = None
     coordinates_name: str = "uv"
+    origin: Origin | None = field(repr=False, default=None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-GROUND = {"errors", "types", "options", "parallel", "registry"}
+GROUND = {"errors", "source", "types", "options", "parallel", "registry"}
 MATHEMATICS = {"surface", "plane", "elimination", "intake", "folds"}
 ROOMS = {  # what each room may import beside itself and the ground
     "surface": set(),
