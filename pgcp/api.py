@@ -13,7 +13,7 @@ import numpy as np
 
 from pgcp.errors import FoldError, InputError, NumericalError
 from pgcp.intake.check import inspect, inspect_mended
-from pgcp.io.read import read_mesh
+from pgcp.io.read import read_mesh, read_source
 from pgcp.methods.registry import METHODS
 from pgcp.options import AUTO, METHOD, REPAIRS, Options, Running, names_checked
 from pgcp.pipeline import map_surface
@@ -23,7 +23,7 @@ from pgcp.result import Result
 from pgcp.runtime.executors import Progress, silent
 from pgcp.surface.topology import Topology
 from pgcp.targets.fitting import Asked, fitting_names
-from pgcp.types import Mesh
+from pgcp.types import Mesh, Source
 
 
 def as_mesh(source: Any) -> Mesh:
@@ -35,6 +35,11 @@ def as_mesh(source: Any) -> Mesh:
     if hasattr(source, "vertices") and hasattr(source, "faces"):
         return Mesh(np.asarray(source.vertices, np.float64), np.asarray(source.faces, np.int64))
     raise InputError(f"expected a mesh, a path or a trimesh, not {type(source).__name__}")
+
+
+def as_source(source: Any) -> Mesh | Source:
+    """The same, or all that a file says where it is a path."""
+    return read_source(source) if isinstance(source, (str, Path)) else as_mesh(source)
 
 
 def check_mesh(mesh: Mesh, target: str = AUTO) -> Topology:
@@ -54,7 +59,7 @@ def compute(source: Any, options: Options | None = None, running: Running | None
             raise InputError(f"{name} is {given!r}, it must be of type pgcp.{kind.__name__}")
     if not callable(progress):
         raise InputError(f"progress is {progress!r}, it must be a function of stage, done and total")
-    return Result.of(map_surface(lambda: as_mesh(source), options, running, progress))
+    return Result.of(map_surface(lambda: as_source(source), options, running, progress))
 
 
 def compare(

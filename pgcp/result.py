@@ -15,6 +15,7 @@ import numpy as np
 from pgcp.errors import BadFileError, InputError
 from pgcp.finish.unit_square import in_unit_square, on_the_globe
 from pgcp.io.files import replacing
+from pgcp.io.given import given_parts
 from pgcp.options import UVS
 from pgcp.parallel import in_slices
 from pgcp.plane.locate import Locator, Places
@@ -135,8 +136,13 @@ class Result(Parameterization):
         """
         if uv not in UVS:
             raise InputError(f"unknown texture coordinates {uv!r}; choose from {', '.join(UVS)}")
-        lay = on_the_globe if self._closed else in_unit_square
-        return lay(self.mesh, self.coordinates, up) if uv == UVS[0] else None
+        if uv != UVS[0]:
+            return None
+        if not self._closed:
+            return in_unit_square(self.mesh, self.coordinates, up)
+        given = given_parts(self.origin, self.faces)
+        polygon_of = given.polygon_of if given is not None and given.has_polygons else None
+        return on_the_globe(self.mesh, self.coordinates, up, polygon_of)
 
     def texture(self, image: Any = "checker", up: str = "auto") -> trimesh.Trimesh:
         """The surface as a ``trimesh.Trimesh`` with a picture on it, by the layout ``unit``.

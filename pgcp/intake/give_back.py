@@ -26,6 +26,12 @@ class GivenBack:
     face_of: IntArray
     turned: BoolArray
 
+    def corners(self, corner_of: IntArray | None) -> IntArray:
+        """Corners (F', 3) of the source; ``corner_of`` (F, 3) those of the input's faces, None where they are its faces."""
+        here = 3 * self.face_of[:, None] + np.arange(3) if corner_of is None else corner_of[self.face_of]
+        here[self.turned] = here[self.turned][:, [0, 2, 1]]
+        return here
+
 
 def give_back(mesh: Mesh, given: Given, mended: Mended) -> GivenBack:
     """The surface of a map in the input's vertices and faces.
@@ -34,6 +40,8 @@ def give_back(mesh: Mesh, given: Given, mended: Mended) -> GivenBack:
     points, as where ``--fix`` cuts, it is repeated; vertices that no face of the input uses stay, in their order, where no
     component was chosen.
     """
+    if given.is_whole and mended.mesh is mesh:
+        return _unchanged(mesh)
     bare = mended.mesh.bare.faces.astype(np.int64)
     face_of = mended.face_of if given.face_of is None else given.face_of[mended.face_of]
     here = mesh.faces[face_of].astype(np.int64)
@@ -46,6 +54,12 @@ def give_back(mesh: Mesh, given: Given, mended: Mended) -> GivenBack:
     vertex_of, point_of = keys // count, keys % count
     faces = corners.reshape(-1)[: bare.size].reshape(bare.shape)
     return GivenBack(Mesh(mesh.vertices[vertex_of], faces, mesh.name), point_of, vertex_of, face_of, turned)
+
+
+def _unchanged(mesh: Mesh) -> GivenBack:
+    """A mesh that was mapped as it is."""
+    vertices = np.arange(len(mesh.vertices))
+    return GivenBack(mesh, vertices, vertices, np.arange(len(mesh.faces)), np.zeros(len(mesh.faces), bool))
 
 
 def _unused(mesh: Mesh, mended: Mended) -> IntArray:

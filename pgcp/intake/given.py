@@ -14,7 +14,7 @@ from pgcp.errors import InputError
 from pgcp.intake.join import joined_vertices
 from pgcp.surface.operators import looked_at_areas
 from pgcp.surface.topology import Topology, examine
-from pgcp.types import FloatArray, IntArray, Mesh
+from pgcp.types import FloatArray, IntArray, Mesh, Source
 
 LARGEST, ALL = "largest", "all"
 _LISTED = 4
@@ -29,10 +29,19 @@ class _Asked(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Named:
-    """Objects, groups or nodes of a file: their names, and which of them each face (F,) belongs to, -1 for none."""
+    """Objects, groups or nodes of a file: their names, and which of them each face (F, L) belongs to, -1 for none."""
 
     names: tuple[str, ...]
     of_face: IntArray
+
+
+def named_parts(source: Source, corner_of: IntArray | None) -> Named | None:
+    """The parts of a source by triangle, of corners (F, 3); None where it names none."""
+    if source.part_of is None:
+        return None
+    if corner_of is None or source.offsets is None:
+        return Named(source.parts, source.part_of)
+    return Named(source.parts, source.part_of[np.searchsorted(source.offsets, corner_of[:, 0], "right") - 1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,7 +148,7 @@ def _chosen(given: Given, component: str | None, named: Named | None) -> Given:
         chosen = order[0]
     elif component in names:
         assert named is not None
-        inside = np.bincount(of_face[named.of_face == names.index(component)], minlength=len(order))
+        inside = np.bincount(of_face[(named.of_face == names.index(component)).any(axis=1)], minlength=len(order))
         chosen = int(np.lexsort((np.argsort(order), -inside))[0])
     elif component.isdigit() and 1 <= int(component) <= len(order):
         chosen = order[int(component) - 1]
@@ -150,8 +159,9 @@ def _chosen(given: Given, component: str | None, named: Named | None) -> Given:
     kept = np.flatnonzero(of_face == chosen)
     one = Mesh(mesh.vertices, mesh.faces[kept], mesh.name)
     sizes = np.bincount(of_face)
+    number = order.tolist().index(chosen) + 1
     message = (
-        f"component {list(order).index(chosen) + 1} of {len(order)} is mapped, {len(kept)} of {len(mesh.faces)} faces; left out: "
+        f"component {number} of {len(order)} is mapped, {len(kept)} of {len(mesh.faces)} faces; left out: "
         f"{_left_out(order, chosen, sizes, of_face, named)} (--component all maps all, --component N or NAME another)"
     )
     chosen_one = Given(one, examine(one.faces, len(one.vertices)), given.joined, kept, given.notes)
@@ -172,7 +182,7 @@ def _left_out(order: IntArray, chosen: int, sizes: IntArray, of_face: IntArray, 
     for number, c in others[:_LISTED]:
         name = ""
         if named is not None:
-            part = int(named.of_face[int(np.argmax(of_face == c))])
+            part = int(named.of_face[int(np.argmax(of_face == c))].max())
             name = f" {named.names[part]!r}" if part >= 0 else ""
         said.append(f"{number}{name} ({sizes[c]} faces)")
     return ", ".join(said) + (f" and {len(others) - _LISTED} more" if len(others) > _LISTED else "")

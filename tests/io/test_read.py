@@ -78,7 +78,7 @@ BAD = {
     "list longer than its row": ("ply", ply(CORNERS + "99 0 1 2\n"), "line 13: the face's lists"),
     "list of negative length": ("ply", ply(CORNERS + "-3 0 1 2\n"), "line 13: the face's lists"),
     "list of nan length": ("ply", ply(CORNERS + "nan 0 1 2\n"), "line 13: the face's lists"),
-    "ascii quad": ("ply", ply(CORNERS + "4 0 1 2 0\n3 0 1 2\n", face=2), "line 13: face 0 has 4 corners and 1 faces"),
+    "ascii quad": ("ply", ply(CORNERS + "4 0 1 2 0\n3 0 1 2\n", face=2), "face 0 has vertex 0 at two of its corners"),
     "word in ply": ("ply", ply("0 0 0\n1 x 0\n0 1 0\n3 0 1 2\n"), "line 11: the vertex line does not hold numbers: 'x'"),
     "index 1.5": ("ply", ply(CORNERS + "3 0 1 1.5\n"), "face 0 has 1.5 for a vertex number"),
     "index of 2^63": ("ply", ply(CORNERS + f"3 0 1 {FAR}\n"), r"face 0 has 9.22\d*e\+18 for a vertex number"),
@@ -97,7 +97,7 @@ BAD = {
     "nan indices": (
         "ply", binary(b"\x03" + struct.pack("<3f", 0, 1, np.nan), lists=LIST.replace("int", "float")), "face 0 has nan",
     ),
-    "mixed polygons": ("ply", binary(TRIANGLE + b"\x05" + bytes(20) + TRIANGLE, face=3), "face 1 has 5 corners and 1 faces"),
+    "mixed polygons": ("ply", binary(TRIANGLE + b"\x05" + bytes(20) + TRIANGLE, face=3), "face 1 has vertex 0 at two"),
     "no format": ("ply", ply("").replace(b"format ascii 1.0\n", b""), "no format line"),
     "vertices twice": ("ply", ply("", lists=LIST + "element vertex 3\n" + XYZ), "two elements of one name"),
     "no x": ("ply", ply("", properties=XYZ.replace("x", "r")), "no x, y, z"),
