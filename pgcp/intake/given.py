@@ -182,8 +182,8 @@ def _left_out(order: IntArray, chosen: int, sizes: IntArray, of_face: IntArray, 
     for number, c in others[:_LISTED]:
         name = ""
         if named is not None:
-            part = int(named.of_face[int(np.argmax(of_face == c))].max())
-            name = f" {named.names[part]!r}" if part >= 0 else ""
+            parts = [part for part in named.of_face[int(np.argmax(of_face == c))].tolist() if part >= 0]
+            name = f" {named.names[parts[0]]!r}" if parts else ""
         said.append(f"{number}{name} ({sizes[c]} faces)")
     return ", ".join(said) + (f" and {len(others) - _LISTED} more" if len(others) > _LISTED else "")
 

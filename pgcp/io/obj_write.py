@@ -50,7 +50,7 @@ def _write_given(stream: IO[bytes], given: GivenParts, numbers: list[IntArray], 
         columns.append(source.normal_of[given.corner_of.reshape(-1)[polygons.corner_at]])
     marks = [m for m in source.marks if not (textured and m[1].startswith(_OF_MATERIALS))]
     places = np.searchsorted(polygons.polygon_of, [place for place, _ in marks]).tolist()
-    places, marks = _in_force(places, marks)
+    places, marks = _in_force(places, marks, len(polygons.polygon_of))
     start = 0
     for place, (_, line) in [*zip(places, marks, strict=True), (len(polygons.polygon_of), (0, b""))]:
         while start < place:
@@ -63,13 +63,13 @@ def _write_given(stream: IO[bytes], given: GivenParts, numbers: list[IntArray], 
             stream.write(line + b"\n")
 
 
-def _in_force(places: list[int], marks: list[tuple[int, bytes]]) -> tuple[list[int], list[tuple[int, bytes]]]:
-    """Statements without those that another of their kind follows before any face: of objects that are left out."""
+def _in_force(places: list[int], marks: list[tuple[int, bytes]], count: int) -> tuple[list[int], list[tuple[int, bytes]]]:
+    """Statements without those that no face follows before another of their kind: of objects that are left out."""
     kept, seen, at = [], set[bytes](), -1
     for k in range(len(marks) - 1, -1, -1):
         word = marks[k][1].split(b" ", 1)[0]
         seen, at = (seen, at) if places[k] == at else (set(), places[k])
-        if word not in seen or word == b"mtllib":
+        if word == b"mtllib" or (word not in seen and places[k] < count):
             kept.append(k)
         seen.add(word)
     return [places[k] for k in reversed(kept)], [marks[k] for k in reversed(kept)]

@@ -166,16 +166,6 @@ def ragged(starts: IntArray, sizes: IntArray) -> IntArray:
     return np.asarray(np.repeat(starts, sizes) + step)
 
 
-def not_triangles(sizes: IntArray, line: int | None = None) -> BadFileError:
-    """The error for faces with these numbers of corners, of which some are not three."""
-    bad = int(np.flatnonzero(sizes != 3)[0])
-    where = "" if line is None else f"line {line}: "
-    return BadFileError(
-        f"{where}face {bad} has {int(sizes[bad])} corners and {int((sizes != 3).sum())} faces in all are not triangles; "
-        "triangulate the mesh first"
-    )
-
-
 def nine_digits(values: FloatArray) -> FloatArray:
     """Values (n, d) rounded to nine digits, those between 1e-14 and 1e9: a whole number over an exact power of ten each."""
     with np.errstate(divide="ignore"):

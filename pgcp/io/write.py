@@ -15,7 +15,7 @@ from pgcp.errors import BadFileError, InputError
 from pgcp.io.coordinates import coordinates_of, image_of
 from pgcp.io.files import FileSet, replacing, replacing_together
 from pgcp.io.formats import DEFAULT_OUTPUTS, VERTICES, Arrays, Format, of_name, outputs, suffixes_of, writable
-from pgcp.io.given import given_parts
+from pgcp.io.given import given_parts, vertex_normals
 from pgcp.types import FloatArray, IntArray, Layout, Mesh, Parameterization
 
 _PICTURE, _REPORT = ".png", "report.json"
@@ -109,7 +109,8 @@ def _arrays_for(kind: Format, result: Parameterization, layout: Layout | None) -
     if result.report.get("single_precision_folds"):
         arrays["in_doubles"] = np.empty(0)
     if "normals" in kind.carries:
-        arrays["normals"] = _normals_of(result)
+        own = None if given is None else vertex_normals(given)
+        arrays["normals"] = _normals_of(result) if own is None else own
     on_texture = layout is not None and not kind.is_exact and "uv" in kind.carries and (key == "uv" or key not in kind.carries)
     if not on_texture or layout is None:
         arrays[key] = coordinates
