@@ -148,7 +148,7 @@ def _result(
     in_single = single_precision_folds(target.space, taken.mesh.bare.faces, coordinates)
     report = run_report(taken.mesh.bare, outcome, quality, taken.geometry.mollification * unit, fixes, where)
     report["single_precision_folds"] = in_single
-    report["input"] = [*taken.cut.notes, *taken.given.notes]
+    report["input"], report["components"] = [*taken.cut.notes, *taken.given.notes], []
     patch = outcome.done.mapped.parts.split.labels[: len(mu)]
     name, is_part = target.space.coordinates_name, taken.options.fix or taken.given.face_of is not None
     if taken.given.is_whole and taken.source is None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgcp.errors import BadFileError, InputError
+from pgcp.finish.side_by_side import globes_in_square
 from pgcp.finish.unit_square import in_unit_square, on_the_globe
 from pgcp.io.files import replacing
 from pgcp.io.given import given_parts
@@ -142,7 +143,11 @@ class Result(Parameterization):
             return in_unit_square(self.mesh, self.coordinates, up)
         given = given_parts(self.origin, self.faces)
         polygon_of = given.polygon_of if given is not None and given.has_polygons else None
-        return on_the_globe(self.mesh, self.coordinates, up, polygon_of)
+        layout = on_the_globe(self.mesh, self.coordinates, up, polygon_of)
+        component_of = None if self.origin is None else self.origin.component_of
+        if component_of is None:
+            return layout
+        return globes_in_square(layout, component_of, np.bincount(component_of, self._areas[0]))
 
     def texture(self, image: Any = "checker", up: str = "auto") -> trimesh.Trimesh:
         """The surface as a ``trimesh.Trimesh`` with a picture on it, by the layout ``unit``.

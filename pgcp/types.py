@@ -143,12 +143,14 @@ class Origin:
     point_of (V,): vertices of the same number are one point of the surface, split in the input; vertex_of (V,): the input's
     vertex; corner_of (F, 3): the corner of the source that each corner of a face is, None where faces are the source's
     triangles and all of them are there, in order. source: None where the file held nothing but vertices and triangles.
+    component_of (F,): of which component each face is, where several were mapped.
     """
 
     point_of: IntArray
     vertex_of: IntArray
     corner_of: IntArray | None = None
     source: Source | None = None
+    component_of: IntArray | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

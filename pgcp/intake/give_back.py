@@ -46,7 +46,7 @@ def give_back(mesh: Mesh, given: Given, mended: Mended) -> GivenBack:
     face_of = mended.face_of if given.face_of is None else given.face_of[mended.face_of]
     here = mesh.faces[face_of].astype(np.int64)
     now = here if given.joined is None else given.joined[here]
-    turned = (mended.stands_for[now] != mended.vertex_of[bare]).any(axis=1)
+    turned = (mesh.vertices[now] != mesh.vertices[mended.vertex_of[bare]]).any(axis=(1, 2))
     here[turned] = here[turned][:, [0, 2, 1]]
     count = len(mended.vertex_of)
     stray = _unused(mesh, mended) if given.face_of is None else np.empty(0, np.int64)

@@ -79,16 +79,15 @@ def _faces(reader: RowReader, count: int) -> tuple[IntArray, IntArray]:
         if (many < 3).any():
             bad = int(np.argmax(many < 3))
             raise BadFileError(f"line {numbers[bad]}: face {done + bad} has {int(many[bad])} corners, which make no polygon")
-        flat = np.empty(int(many.sum()), np.int64)
-        first = np.cumsum(many) - many
+        parts = []  # nothing is reserved before the numbers are seen to be there
         for size in np.unique(many).tolist():
-            those = np.flatnonzero(many == size)
+            those = np.flatnonzero(many == size).tolist()
             alike = len(those) == len(rows)
-            places, lines = (
-                (numbers, rows) if alike else ([numbers[i] for i in those.tolist()], [rows[i] for i in those.tolist()])
-            )
-            found = whole(table(places, lines, size + 1, "face")[:, 1:], "face", done if alike else done + int(those[0]))
-            flat[first[those][:, None] + np.arange(size)] = found
+            places, lines = (numbers, rows) if alike else ([numbers[i] for i in those], [rows[i] for i in those])
+            parts.append((those, whole(table(places, lines, size + 1, "face")[:, 1:], "face", done + those[0])))
+        flat, first = np.empty(int(many.sum()), np.int64), np.cumsum(many) - many
+        for those, found in parts:
+            flat[first[those][:, None] + np.arange(found.shape[1])] = found
         corners.append(flat)
         sizes.append(many)
         done += len(rows)

@@ -130,7 +130,7 @@ BAD = {
     "off counts": ("off", off("999999999999 1 0\n0 0 0\n"), "line 2 promises 999999999999 vertices .* do not fit"),
     "off count of words": ("off", off("3 one 0\n"), "line 2: not the numbers of vertices"),
     "off without rows": ("off", off("3 1 0\n" + CORNERS + "\n" * 40), "ends after 0 of the 1 faces"),
-    "off quad": ("off", off("3 1 0\n" + CORNERS + "4 0 1 2 1\n"), "line 6: face 0 has 4 corners"),
+    "off quad": ("off", off("3 1 0\n" + CORNERS + "4 0 1 2 1\n"), "face 0 has vertex 1 at two of its corners"),
     "off short face": ("off", off("3 1 0\n" + CORNERS + "3 0 1\n"), "line 6: a face line with 3 values where 4 belong"),
     "off index 1.5": ("off", off("3 1 0\n" + CORNERS + "3 0 1 1.5\n"), "face 0 has 1.5"),
     "4d off": ("off", b"4OFF\n3 1 0\n", "it is of the kind '4OFF'"),
