@@ -12,18 +12,27 @@ from typing import Any, cast
 import numpy as np
 
 from pgcp.errors import FoldError, InputError, NumericalError
+from pgcp.finish.side_by_side import beside_each_other
 from pgcp.intake.check import inspect, inspect_mended
-from pgcp.io.read import read_mesh
+from pgcp.intake.given import ALL, LARGEST, named_parts
+from pgcp.intake.pieces import Pieces
+from pgcp.io.read import read_mesh, read_source
 from pgcp.methods.registry import METHODS
 from pgcp.options import AUTO, METHOD, REPAIRS, Options, Running, names_checked
 from pgcp.pipeline import map_surface
+from pgcp.polygons.triangulate import Triangles, triangulated
 from pgcp.report.comparison import Compared
 from pgcp.report.record import fold_message
+from pgcp.report.several import all_note, patches_of_all, quality_of_all, report_of_all
 from pgcp.result import Result
 from pgcp.runtime.executors import Progress, silent
+from pgcp.surface.operators import face_areas
 from pgcp.surface.topology import Topology
 from pgcp.targets.fitting import Asked, fitting_names
-from pgcp.types import Mesh
+from pgcp.targets.registry import TARGETS
+from pgcp.types import Mesh, Origin, Parameterization, Source
+
+_WORTH_WORKERS = 200_000  # faces of a component that worker processes are started for
 
 
 def as_mesh(source: Any) -> Mesh:
@@ -35,6 +44,11 @@ def as_mesh(source: Any) -> Mesh:
     if hasattr(source, "vertices") and hasattr(source, "faces"):
         return Mesh(np.asarray(source.vertices, np.float64), np.asarray(source.faces, np.int64))
     raise InputError(f"expected a mesh, a path or a trimesh, not {type(source).__name__}")
+
+
+def as_source(source: Any) -> Mesh | Source:
+    """The same, or all that a file says where it is a path."""
+    return read_source(source) if isinstance(source, (str, Path)) else as_mesh(source)
 
 
 def check_mesh(mesh: Mesh, target: str = AUTO) -> Topology:
@@ -54,7 +68,71 @@ def compute(source: Any, options: Options | None = None, running: Running | None
             raise InputError(f"{name} is {given!r}, it must be of type pgcp.{kind.__name__}")
     if not callable(progress):
         raise InputError(f"progress is {progress!r}, it must be a function of stage, done and total")
-    return Result.of(map_surface(lambda: as_mesh(source), options, running, progress))
+    if options.component == ALL:
+        return _compute_all(source, options, running, progress)
+    return Result.of(map_surface(lambda: as_source(source), options, running, progress))
+
+
+def _compute_all(source: Any, options: Options, running: Running, progress: Progress) -> Result:
+    """Map every component of a surface that fits the target, one after the other, and put the maps beside each other.
+
+    Where the target is ``auto``, it is that of the largest component that can be mapped.
+    """
+    if options.centre is not None or options.cuts is not None:
+        raise InputError("a centre and cuts are of one component; they do not go with component all")
+    progress("read", 0, 0)
+    found = as_source(source)
+    cut = triangulated(found) if isinstance(found, Source) else Triangles(found)
+    kept = found if isinstance(found, Source) and not found.is_plain else None
+    named = None if kept is None else named_parts(kept, cut.corner_of)
+    pieces = Pieces.of(cut.mesh, options.weld_distance, named)
+    done, numbers, left, first = list[Parameterization](), list[int](), list[str](), None
+    for number in range(pieces.count):
+        target = done[0].target if done and options.target == AUTO else options.target
+        each = replace(options, component=LARGEST, weld_distance=None, target=target)
+        here = (
+            running if len(pieces.faces_of(number)) >= _WORTH_WORKERS or running.is_elsewhere else replace(running, workers=0)
+        )
+        try:
+            done.append(map_surface(lambda number=number: pieces.piece(number)[0], each, here, progress))  # type: ignore[misc]
+            numbers.append(number)
+        except (InputError, NumericalError) as problem:
+            left.append(str(problem).removeprefix(f"{cut.mesh.name}, "))
+            first = first or problem
+    if not done:
+        assert first is not None
+        raise first
+    return _put_together(pieces, done, numbers, left, (cut, kept))
+
+
+def _put_together(
+    pieces: Pieces, done: list[Parameterization], numbers: list[int], left: list[str], given: tuple[Triangles, Source | None]
+) -> Result:
+    """Maps of components of these numbers as one, on the vertices and in the order of the input."""
+    cut, source = given
+    target = TARGETS.get(done[0].target)
+    maps = [one.coordinates for one in done]
+    if not target.space.closed:
+        surfaces = [float(face_areas(one.mesh.vertices, one.mesh.faces).sum()) for one in done]
+        maps = beside_each_other([one.mesh for one in done], maps, None if target.keeps_scale else surfaces)
+    vertices, face_of = [], []
+    for one, number in zip(done, numbers, strict=True):
+        used = pieces.piece(number)[1]
+        vertices.append(used if one.vertex_of is None else used[one.vertex_of])
+        faces = pieces.faces_of(number)
+        face_of.append(faces if one.face_of is None else faces[one.face_of])
+    back = pieces.given_back(vertices, [one.mesh.faces for one in done], face_of)
+    order = np.argsort(np.concatenate(face_of), kind="stable")
+    component_of = np.repeat(np.arange(len(done)), [len(one.mesh.faces) for one in done])[order]
+    quality = quality_of_all(done)
+    said = [*cut.notes, *pieces.whole.notes, all_note(len(done), left)]
+    report = report_of_all(done, [pieces.name(number) for number in numbers], said, quality)
+    origin = Origin(back.point_of, back.vertex_of, back.corners(cut.corner_of), source, component_of)
+    patch, mu = np.concatenate(patches_of_all(done))[order], np.concatenate([one.mu for one in done])[order]
+    return Result(
+        back.mesh, np.concatenate(maps)[back.point_of], patch, mu, quality, target.name, report, back.vertex_of, back.face_of,
+        target.space.coordinates_name, origin,
+    )  # fmt: skip
 
 
 def compare(
@@ -106,6 +184,8 @@ def parameterize(
     centre: int | None = None,
     moebius: str = AUTO,
     polish: str = "none",
+    weld_distance: float | None = 0.0,
+    component: str = "largest",
     cuts: str | Path | None = None,
     repair_cuts: bool = False,
     method: str = METHOD,
@@ -142,7 +222,7 @@ def parameterize(
     as_given = partial(cast, Any)  # options are made of the type they have where they are checked
     options = Options(
         patches, target, centre, moebius, as_given(cuts), repair_cuts, method, flatten, seams, backend, seed, repairs,
-        no_overlap, fix, polish,
+        no_overlap, fix, polish, weld_distance, component,
     )  # fmt: skip
     running = Running(
         workers, scheduler, as_given(scheduler_file), executor, as_given(store), factor_cache_bytes, memory_limit_bytes, resume,

@@ -29,6 +29,7 @@ FLATTENERS = ("dncp", "scp")
 BACKENDS = ("nested", "pardiso", "superlu")
 SEAMS = ("weld", "relax", "exact")
 _LEAST_MEMORY = 10**9
+_MOST_WELDED = 0.01
 
 
 def names_checked(function: Callable[Given, Made]) -> Callable[Given, Made]:
@@ -59,6 +60,12 @@ def _whole(value: Any) -> int:
     return int(value) if isinstance(value, float) and value.is_integer() else operator.index(value)
 
 
+def _real(value: Any) -> float:
+    if isinstance(value, (bool, str)):
+        raise TypeError
+    return float(value)
+
+
 def _truth(value: Any) -> bool:
     if type(value).__name__ not in ("bool", "bool_"):  # the latter is NumPy's
         raise TypeError
@@ -84,6 +91,7 @@ def _texts(value: Any) -> tuple[str, ...]:
 # type of an option: what makes one of what was given, and what it is called
 _TYPES: dict[Any, tuple[Callable[[Any], Any], str]] = {
     int: (_whole, "a whole number"),
+    float: (_real, "a number"),
     bool: (_truth, "True or False"),
     str: (_text, "text"),
     Path: (_path, "a path"),
@@ -129,7 +137,9 @@ class Options:
     flattened; seams: weld, relax (welded boundary held, seams solved) or exact (no weld); backend: auto, nested,
     pardiso or superlu; seed: of the partition; repairs: which tiers may take folds away; no_overlap: where a free map overlaps
     itself, map to the disk instead; fix: repair the topology of a mesh that the target does not fit;
-    polish: none, angles, or auto for where it is quick and the map is not asked for as it is.
+    polish: none, angles, or auto for where it is quick and the map is not asked for as it is;
+    weld_distance: how far apart vertices may be that are split by attributes only and are joined for the map, as a share of
+    the diagonal of all, None to join none; component: which of several is mapped: the largest, a name, a number, or all.
     """
 
     patches: int | None = None
@@ -147,6 +157,8 @@ class Options:
     no_overlap: bool = False
     fix: bool = False
     polish: str = "none"
+    weld_distance: float | None = 0.0
+    component: str = "largest"
 
     def __post_init__(self) -> None:
         _check_types(self)
@@ -154,6 +166,8 @@ class Options:
         _least("seed", self.seed, 0)
         if self.centre is not None and self.centre < 0:
             raise InputError(f"centre is vertex {self.centre}, it must be 0 or more")
+        if self.weld_distance is not None and not 0.0 <= self.weld_distance <= _MOST_WELDED:
+            raise InputError(f"weld_distance is {self.weld_distance}, it must be from 0 to {_MOST_WELDED} of the diagonal")
         _one_of("Moebius correction", self.moebius, MOEBIUS)
         _one_of("polish", self.polish, POLISHES)
         _one_of("flattening", self.flatten, FLATTENERS)
@@ -237,4 +251,4 @@ def _one_of(what: str, value: str, known: tuple[str, ...]) -> None:
 def plain_options(options: Options | Running) -> dict[str, Any]:
     """Options as plain data, paths and clients as text."""
     values = {f.name: getattr(options, f.name) for f in fields(options)}
-    return {name: v if v is None or isinstance(v, (bool, int, str, tuple)) else str(v) for name, v in values.items()}
+    return {name: v if v is None or isinstance(v, (bool, int, float, str, tuple)) else str(v) for name, v in values.items()}

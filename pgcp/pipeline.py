@@ -14,7 +14,9 @@ import numpy as np
 from pgcp.elimination.dirichlet import choose_backend
 from pgcp.errors import InputError, PgcpError
 from pgcp.finish.quality import measure_quality
-from pgcp.intake.check import Geometry, inspect, inspect_mended
+from pgcp.intake.check import Geometry, Inspection, advised, inspect_mended, look
+from pgcp.intake.give_back import give_back
+from pgcp.intake.given import LARGEST, Given, Named, named_parts, take
 from pgcp.intake.mend import Mended, unmended
 from pgcp.io.read import read_cuts
 from pgcp.methods.base import Method
@@ -24,6 +26,7 @@ from pgcp.parallel import limited_to
 from pgcp.patches.run import Run
 from pgcp.patches.warm_up import warm_up
 from pgcp.plane.space import map_coefficients
+from pgcp.polygons.triangulate import Triangles, triangulated
 from pgcp.report.record import run_report
 from pgcp.retry.course import Outcome, map_mesh
 from pgcp.retry.placed import place_outcome, single_precision_folds
@@ -38,11 +41,13 @@ from pgcp.runtime.versions import package_versions
 from pgcp.surface.topology import Topology
 from pgcp.targets.base import Target
 from pgcp.targets.fitting import Asked, check_options
-from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Parameterization, Quality
+from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Origin, Parameterization, Quality, Source
 
 
-def map_surface(mesh_of: Callable[[], Mesh], asked: Options, running: Running, progress: Progress) -> Parameterization:
-    """Map a simply connected surface conformally to a target (PGCP Algorithm 3); ``mesh_of`` reads it.
+def map_surface(
+    source_of: Callable[[], Mesh | Source], asked: Options, running: Running, progress: Progress
+) -> Parameterization:
+    """Map a simply connected surface conformally to a target (PGCP Algorithm 3); ``source_of`` reads it.
 
     Split, flatten, weld and solve are the method's (``methods.pgcp``), constrain and place the target's.
     """
@@ -52,7 +57,7 @@ def map_surface(mesh_of: Callable[[], Mesh], asked: Options, running: Running, p
         backend = choose_backend(options.backend)
         # what tasks write to goes when no worker writes any more
         with ExitStack() as at_last, make_executor(running, name, clock.progress, warm_up) as executor:
-            taken = _taken_in(mesh_of, method, options, clock)
+            taken = _taken_in(source_of, method, options, clock)
             plan = _planned(taken, running, executor)
             clock.executor = executor
             key = run_key(taken.mesh, taken.options, taken.cuts, plan.patches, backend)
@@ -82,28 +87,47 @@ def map_surface(mesh_of: Callable[[], Mesh], asked: Options, running: Running, p
 class _Taken:
     """A mesh that can be mapped, of about unit size at the origin, and what it was made from."""
 
+    source: Source | None
+    cut: Triangles
     mesh: Mesh
     topology: Topology
     geometry: Geometry
+    given: Given
     mended: Mended
     target: Target
     options: Options
     cuts: IntArray | None
 
 
-def _taken_in(mesh_of: Callable[[], Mesh], method: Method, options: Options, clock: Clock) -> _Taken:
+def _taken_in(source_of: Callable[[], Mesh | Source], method: Method, options: Options, clock: Clock) -> _Taken:
     """Read the mesh, check or mend it, and see which target is meant."""
     with clock.stage("read"):
-        mesh = mesh_of()
+        found = source_of()
+        cut = triangulated(found) if isinstance(found, Source) else Triangles(found)
+        mesh, source = cut.mesh, found if isinstance(found, Source) and not found.is_plain else None
     with clock.stage("check"):
         asked_for = Asked(options.target, method.targets)
-        seen = inspect_mended(mesh, asked_for) if options.fix else inspect(mesh, asked_for)
+        given, seen = _inspected(mesh, asked_for, options, None if source is None else named_parts(source, cut.corner_of))
         topology, geometry = seen.accepted()
-        mended, target = seen.mended or unmended(mesh), asked_for.chosen(topology)
-        check_options(options, mesh, target)
+        mended, target = seen.mended or unmended(given.mesh), asked_for.chosen(topology)
+        if options.centre is not None:
+            options = replace(options, centre=given.vertex_now(options.centre))
+        check_options(options, given.mesh, target)
         options = _renumbered(options, mended)
-        cuts = None if options.cuts is None else read_cuts(options.cuts)
-        return _Taken(geometry.mesh, topology, geometry, mended, target, options, cuts)
+        cuts = None if options.cuts is None else given.vertices_now(read_cuts(options.cuts))
+        return _Taken(source, cut, geometry.mesh, topology, geometry, given, mended, target, options, cuts)
+
+
+def _inspected(mesh: Mesh, asked: Asked, options: Options, named: Named | None) -> tuple[Given, Inspection]:
+    """What of a mesh is mapped, and what that is; where it is to be fixed, mending chooses the component."""
+    seen = look(mesh, asked)
+    component = None if options.fix and options.component == LARGEST else options.component
+    given = take(mesh, seen.topology, asked, options.weld_distance, component, named)
+    if options.fix:
+        return given, inspect_mended(given.mesh, asked, given.topology)
+    if given.mesh is not mesh:
+        seen = look(given.mesh, asked, given.topology)
+    return given, advised(given.mesh, asked, seen)
 
 
 def _run(taken: _Taken, plan: Plan, job: Job, clock: Clock) -> Run:
@@ -124,10 +148,19 @@ def _result(
     in_single = single_precision_folds(target.space, taken.mesh.bare.faces, coordinates)
     report = run_report(taken.mesh.bare, outcome, quality, taken.geometry.mollification * unit, fixes, where)
     report["single_precision_folds"] = in_single
+    report["input"], report["components"] = [*taken.cut.notes, *taken.given.notes], []
     patch = outcome.done.mapped.parts.split.labels[: len(mu)]
-    vertex_of, face_of = (mended.vertex_of, mended.face_of) if taken.options.fix else (None, None)
-    name = target.space.coordinates_name
-    return Parameterization(mended.mesh.bare, coordinates, patch, mu, quality, target.name, report, vertex_of, face_of, name)
+    name, is_part = target.space.coordinates_name, taken.options.fix or taken.given.face_of is not None
+    if taken.given.is_whole and taken.source is None:
+        vertex_of, face_of = (mended.vertex_of, mended.face_of) if is_part else (None, None)
+        return Parameterization(
+            mended.mesh.bare, coordinates, patch, mu, quality, target.name, report, vertex_of, face_of, name
+        )
+    back = give_back(taken.cut.mesh, taken.given, mended)
+    vertex_of, face_of = (back.vertex_of, back.face_of) if is_part else (None, None)
+    origin = Origin(back.point_of, back.vertex_of, back.corners(taken.cut.corner_of), taken.source)
+    coordinates = coordinates[back.point_of]
+    return Parameterization(back.mesh, coordinates, patch, mu, quality, target.name, report, vertex_of, face_of, name, origin)
 
 
 def _planned(taken: _Taken, running: Running, executor: Executor) -> Plan:

@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgcp.errors import BadFileError, InputError
+from pgcp.finish.side_by_side import globes_in_square
 from pgcp.finish.unit_square import in_unit_square, on_the_globe
 from pgcp.io.files import replacing
+from pgcp.io.given import given_parts
 from pgcp.options import UVS
 from pgcp.parallel import in_slices
 from pgcp.plane.locate import Locator, Places
@@ -135,8 +137,17 @@ class Result(Parameterization):
         """
         if uv not in UVS:
             raise InputError(f"unknown texture coordinates {uv!r}; choose from {', '.join(UVS)}")
-        lay = on_the_globe if self._closed else in_unit_square
-        return lay(self.mesh, self.coordinates, up) if uv == UVS[0] else None
+        if uv != UVS[0]:
+            return None
+        if not self._closed:
+            return in_unit_square(self.mesh, self.coordinates, up)
+        given = given_parts(self.origin, self.faces)
+        polygon_of = given.polygon_of if given is not None and given.has_polygons else None
+        layout = on_the_globe(self.mesh, self.coordinates, up, polygon_of)
+        component_of = None if self.origin is None else self.origin.component_of
+        if component_of is None:
+            return layout
+        return globes_in_square(layout, component_of, np.bincount(component_of, self._areas[0]))
 
     def texture(self, image: Any = "checker", up: str = "auto") -> trimesh.Trimesh:
         """The surface as a ``trimesh.Trimesh`` with a picture on it, by the layout ``unit``.

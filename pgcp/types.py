@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,6 +15,7 @@ FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 IntArray = npt.NDArray[np.integer[Any]]
 BoolArray = npt.NDArray[np.bool_]
+Columns = Mapping[str, np.ndarray[Any, Any]]
 Positions = npt.NDArray[Any]  # complex (n,) in the plane, or unit vectors (n, 3) on the sphere
 
 
@@ -88,12 +90,77 @@ class Quality:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Source:
+    """A surface of polygons, with what a file says of it beside places and corners.
+
+    vertices (V, 3) float64; corners (C,) vertices of all polygons, one polygon after the other; offsets (P + 1,): where each
+    begins, None where all have three corners. part_of (P, L): which of the ``parts``, the names of objects, groups or nodes,
+    each polygon belongs to on each of some levels, -1 for none.
+    of_vertices, of_polygons: further values (V, ...) and (P, ...) by name, in the types the file has them in; of a PLY file
+    under the names of its properties. marks: statements of an OBJ file that stand before a polygon, as numbers of polygons and
+    lines without their ends (``o``, ``g``, ``s``, ``usemtl``, ``mtllib``); libraries: contents of its material files, by name.
+    normals (N, 3), normal_of (C,): normals by corner, -1 for none. materials: glTF materials as the file has them; material_of
+    (P,): which of these, -1 for none.
+    """
+
+    vertices: FloatArray
+    corners: IntArray
+    offsets: IntArray | None = None
+    parts: tuple[str, ...] = ()
+    part_of: IntArray | None = None
+    of_vertices: Columns = field(default_factory=dict)
+    of_polygons: Columns = field(default_factory=dict)
+    marks: tuple[tuple[int, bytes], ...] = ()
+    libraries: Mapping[str, bytes] = field(default_factory=dict)
+    normals: FloatArray | None = None
+    normal_of: IntArray | None = None
+    materials: tuple[dict[str, Any], ...] = ()
+    material_of: IntArray | None = None
+    name: str = "mesh"
+
+    @property
+    def polygon_count(self) -> int:
+        """How many polygons there are."""
+        return len(self.corners) // 3 if self.offsets is None else len(self.offsets) - 1
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether there is nothing but vertices and triangles."""
+        others = (self.part_of, self.normals, self.material_of)
+        said = self.of_vertices, self.of_polygons, self.marks
+        return self.offsets is None and all(other is None for other in others) and not any(map(len, said))
+
+    @property
+    def sizes(self) -> IntArray:
+        """Numbers of corners (P,)."""
+        return np.full(self.polygon_count, 3) if self.offsets is None else np.diff(self.offsets)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Origin:
+    """Where a finished map's vertices and faces come from.
+
+    point_of (V,): vertices of the same number are one point of the surface, split in the input; vertex_of (V,): the input's
+    vertex; corner_of (F, 3): the corner of the source that each corner of a face is, None where faces are the source's
+    triangles and all of them are there, in order. source: None where the file held nothing but vertices and triangles.
+    component_of (F,): of which component each face is, where several were mapped.
+    """
+
+    point_of: IntArray
+    vertex_of: IntArray
+    corner_of: IntArray | None = None
+    source: Source | None = None
+    component_of: IntArray | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Parameterization:
     """The finished map: coordinates, patch (F,), mu (F,), quality, and the report as plain data.
 
     coordinates (V, 2) in the plane (targets free and disk) or unit vectors (V, 3) (target sphere). Where the mesh was to be
     fixed, ``mesh`` is the fixed one, and vertex_of (V,) and face_of (F,) say which vertex and face of the input each of its
-    own is; else they are None. coordinates_name: what coordinates are called in files, uv or sphere.
+    own is; else they are None. coordinates_name: what coordinates are called in files, uv or sphere. origin: the way back to
+    what the input was, where it was more than vertices and triangles, or vertices were joined; None elsewhere.
     """
 
     mesh: Mesh
@@ -106,6 +173,7 @@ class Parameterization:
     vertex_of: IntArray | None = None
     face_of: IntArray | None = None
     coordinates_name: str = "uv"
+    origin: Origin | None = field(repr=False, default=None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,14 +10,15 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 GROUND = {"errors", "types", "options", "parallel", "registry"}
-MATHEMATICS = {"surface", "plane", "elimination", "intake", "folds"}
+MATHEMATICS = {"polygons", "surface", "plane", "elimination", "intake", "folds"}
 ROOMS = {  # what each room may import beside itself and the ground
     "surface": set(),
     "plane": {"surface"},
     "elimination": {"surface"},
     "intake": {"surface"},
     "folds": {"elimination", "plane", "surface"},
-    "io": set(),
+    "polygons": set(),
+    "io": {"polygons"},
     "runtime": {"io"},
     "patches": {"partition", "runtime", "elimination", "plane", "surface"},
     "interface": {"patches", "runtime", "elimination", "plane", "surface"},

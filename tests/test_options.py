@@ -13,7 +13,13 @@ import pgcp
 from pgcp.errors import InputError
 from pgcp.options import Options, Running
 
-WRONG = {"int": ["x", 1.5, True, [1]], "str": [3, Path("a"), b"a"], "bool": ["yes", 1, 0.0], "Path": [3, 1.5, [Path("a")]]}
+WRONG = {
+    "int": ["x", 1.5, True, [1]],
+    "str": [3, Path("a"), b"a"],
+    "float": ["x", True, [1]],
+    "bool": ["yes", 1, 0.0],
+    "Path": [3, 1.5, [Path("a")]],
+}
 EVERY = [(kind, field) for kind in (Options, Running) for field in fields(kind) if field.name != "client"]  # see test_probe
 
 

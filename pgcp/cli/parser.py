@@ -110,6 +110,17 @@ def _mesh_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--fix", action="store_true", help="repair the topology of a mesh that would be refused: cut, split, weld, fill holes"
     )
+    group.add_argument(
+        "--component",
+        default="largest",
+        metavar="WHICH",
+        help="which of several separate surfaces is mapped: largest (default), all, a name, or a number, 1 for the largest",
+    )
+    group.add_argument(
+        "--weld-distance", type=_distance, default=0.0, metavar="D",
+        help="join vertices for the map that seams split and that lie so close, as a share of the diagonal (default 0: at the "
+        "same place); none leaves all apart",
+    )  # fmt: skip
     group.add_argument("--cuts", type=Path, metavar="FILE", help="cut along these edges: one pair of vertex ids a line")
     group.add_argument("--repair-cuts", action="store_true", help="mend parts that the cuts leave and that are no disks")
 
@@ -172,6 +183,16 @@ def _number(text: str) -> int | None:
         raise argparse.ArgumentTypeError(f"{text!r} is neither a whole number nor auto") from None
 
 
+def _distance(text: str) -> float | None:
+    """A number, None for none."""
+    if text == "none":
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither a number nor none") from None
+
+
 def _automatic_workers(mesh: Path | None) -> int:
     """One worker a processor where the mesh is so large that they gain more time than they take to start."""
     with suppress(OSError):
@@ -231,6 +252,8 @@ def options_of(arguments: argparse.Namespace) -> Options:
         repairs=_repairs(arguments.repairs),
         no_overlap=arguments.no_overlap,
         fix=arguments.fix,
+        weld_distance=arguments.weld_distance,
+        component=arguments.component,
     )
 
 

@@ -86,10 +86,11 @@ def summary(result: Parameterization, seconds: float, where: str) -> str:
     stages = ", ".join(f"{s['name']} {s['seconds']:.2f}" for s in result.report["stages"])
     patches = _counted(len(result.report["patches"]), "patch", "patches")
     fixes = "".join(f"  fixed: {fix['message']}\n" for fix in result.report["fixes"])
+    taken = "".join(f"  {note['message']}\n" for note in result.report["input"])
     return (
         f"{result.mesh.name}: {len(result.mesh.vertices)} vertices, target {result.target}, {patches}, "
         f"{seconds:.1f} s ({stages})\n"
-        f"{fixes}"
+        f"{taken}{fixes}"
         f"  |angle error| mean {q.angle_mean_deg:.4f}, sd {q.angle_sd_deg:.4f}, max {q.angle_max_deg:.2f} degrees; "
         f"folds {q.folds}{'' if q.degree is None else f', degree {q.degree:.0f}'}\n"
         f"{_notes(result.report)}"
@@ -106,6 +107,7 @@ def record(result: Parameterization, seconds: float, paths: list[Path]) -> dict[
         "target": result.target,
         "patches": len(report["patches"]),
         "seconds": round(seconds, 3),
+        "input": report["input"],
         "fixes": report["fixes"],
         "quality": report["quality"],
         "repairs": report["repairs"],

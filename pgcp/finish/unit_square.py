@@ -114,12 +114,13 @@ def in_unit_square(mesh: Mesh, uv: FloatArray, up: str = "auto") -> Layout:
     return Layout(points, mesh.faces, np.empty(0, np.int64), record)
 
 
-def on_the_globe(mesh: Mesh, sphere: FloatArray, up: str = "auto") -> Layout:
+def on_the_globe(mesh: Mesh, sphere: FloatArray, up: str = "auto", polygon_of: IntArray | None = None) -> Layout:
     """Longitude and latitude of a map to the sphere (V, 3) as texture coordinates, (0, 0) at the date line's south end.
 
     The axis is the one along which the surface stands: with ``auto`` y or z, whichever it stands on more widely. The date
     line is at the back. A face across it has corners beyond 1, which repeating textures continue; a corner at a pole has the
-    mean longitude of the face's other corners. Raises InputError for another axis.
+    mean longitude of the face's other corners. Faces that follow each other with the same number in ``polygon_of`` (F,) are one
+    polygon, whose corners have one place each. Raises InputError for another axis.
     """
     axis = _axis(up, standing(mesh.vertices, mesh.faces) if up == "auto" else np.zeros(3))
     north = np.eye(3)[axis]
@@ -130,12 +131,19 @@ def on_the_globe(mesh: Mesh, sphere: FloatArray, up: str = "auto") -> Layout:
     corners = points[mesh.faces, 0]
     polar = across[mesh.faces] < _POLE
     # longitudes near that of the first corner that has one, then the pole between the others
-    first = corners[np.arange(len(corners)), np.argmin(polar, axis=1)]
-    near = corners - np.rint(corners - first[:, None])
-    least = np.where(polar, np.inf, near).min(axis=1, keepdims=True)
-    near -= np.floor(np.where(np.isfinite(least), least, 0.0) + 1e-15)  # a face may lie at the pole with all its corners
-    known = np.maximum((~polar).sum(axis=1), 1)
-    near = np.where(polar, (np.where(polar, 0.0, near).sum(axis=1) / known)[:, None], near)
+    numbers = np.arange(len(corners)) if polygon_of is None else polygon_of
+    begins = np.flatnonzero(np.append(True, numbers[1:] != numbers[:-1]))
+    group = np.repeat(np.arange(len(begins)), np.diff(np.append(begins, len(numbers))))
+    has_one = ~polar.all(axis=1)
+    leader = np.minimum.reduceat(np.where(has_one, np.arange(len(corners)), len(corners)), begins)
+    leader = np.where(leader < len(corners), leader, begins)
+    first = corners[leader, np.argmin(polar[leader], axis=1)]
+    near = corners - np.rint(corners - first[group, None])
+    least = np.minimum.reduceat(np.where(polar, np.inf, near).min(axis=1), begins)
+    near -= np.floor(np.where(np.isfinite(least), least, 0.0) + 1e-15)[group, None]  # all of a face may lie at the pole
+    known = np.maximum(np.add.reduceat((~polar).sum(axis=1), begins), 1)
+    middle = np.add.reduceat(np.where(polar, 0.0, near).sum(axis=1), begins) / known
+    near = np.where(polar, middle[group, None], near)
     return _with_copies(mesh, points, near, {"kind": "longitude and latitude", "up": "xyz"[axis]})
 
 

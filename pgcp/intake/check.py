@@ -88,11 +88,21 @@ class Inspection:
 
 def inspect(mesh: Mesh, asked: Asked) -> Inspection:
     """Examine a mesh, once; where it is not what is asked for, see what mending it would do."""
+    return advised(mesh, asked, look(mesh, asked))
+
+
+def look(mesh: Mesh, asked: Asked, topology: Topology | None = None) -> Inspection:
+    """Examine a mesh, of this topology where it is known, and no more."""
     with beside(partial(measure, mesh)) as measured:
-        topology = examine(mesh.faces, len(mesh.vertices))
-        geometry, problem = _judged(mesh, asked, topology, measured)
+        topology = examine(mesh.faces, len(mesh.vertices)) if topology is None else topology
+        return Inspection(topology, *_judged(mesh, asked, topology, measured))
+
+
+def advised(mesh: Mesh, asked: Asked, seen: Inspection) -> Inspection:
+    """What was seen of a mesh; where it is not what is asked for, with what mending it would do."""
+    topology, geometry, problem = seen.topology, seen.geometry, seen.problem
     if problem is None:
-        return Inspection(topology, geometry, problem)
+        return seen
     try:
         mended, _, left = _mended(mesh, asked, topology)
     except NotManifoldError:

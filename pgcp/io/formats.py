@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution
 from typing import IO, Any
 
-import numpy as np
-
 from pgcp.errors import InputError
-from pgcp.types import FloatArray, IntArray
+from pgcp.types import FloatArray, IntArray, Source
 
 Beside = Callable[[str], bytes]
-Arrays = Mapping[str, np.ndarray[Any, Any]]
+Arrays = Mapping[str, Any]
 DEFAULT_OUTPUTS = ("npz", "obj", "ply")
 VERTICES = "vertices"
 
@@ -30,7 +28,8 @@ class Format:
     name: as ``--write`` has it; suffixes: in lower case with the dot, the first for files that are written; summary: a line
     for the documentation.
     read(data, beside): vertices (V, 3) float64 and faces (F, 3) integers from a file's bytes; ``beside(name)`` gives the bytes
-    of another file of the same folder; raises BadFileError with a sentence. None where the format is not read.
+    of another file of the same folder; raises BadFileError with a sentence. A Source is returned instead where a file holds
+    polygons, or more than vertices and triangles. None where the format is not read.
     write(stream, arrays): writes "faces" (F, 3), and of the arrays named in ``carries`` those that there are. None where the
     format is not written. A key "in_doubles" says that coordinates should not be rounded to 32-bit floats.
     carries: which arrays a written file holds beside the faces: "vertices" (V, 3) of the surface; the map's coordinates, "uv"
@@ -38,10 +37,12 @@ class Format:
     Result measures by vertex or face, under its name; "normals" (V, 3) of the surface. Where a format has no place for the
     map's coordinates beside the vertices, they take the place of the vertices: the mesh is then the image of the map. With
     "uv_faces" (F, 3) a format numbers texture coordinates apart from vertices; without it vertices are repeated along cuts.
+    "given" is a ``given.GivenParts``: polygons and all else that the input held.
     looks: a regular expression that matches how such files begin, and what they are called where their name is wrong.
     needs: packages, as they are installed, that pgcp does without where the format is not used.
     textured(stream, arrays, stem, png): writes the same with a picture as the surface's texture, in a file called ``stem``;
     returns the contents of files beside it by name. None where a format has no textures.
+    beside(arrays): contents of files that go beside one without a picture, by name.
     is_exact: whether "uv" are the map's own coordinates, not those of the texture. sphere_radius: of the sphere, where the mesh
     is the image of the map.
     """
@@ -49,12 +50,13 @@ class Format:
     name: str
     suffixes: tuple[str, ...]
     summary: str
-    read: Callable[[bytes, Beside], tuple[FloatArray, IntArray]] | None = None
+    read: Callable[[bytes, Beside], tuple[FloatArray, IntArray] | Source] | None = None
     write: Callable[[IO[bytes], Arrays], None] | None = None
     carries: tuple[str, ...] = (VERTICES,)
     looks: tuple[bytes, str] | None = None
     needs: tuple[str, ...] = ()
     textured: Callable[[IO[bytes], Arrays, str, bytes], dict[str, bytes]] | None = None
+    beside: Callable[[Arrays], dict[str, bytes]] | None = None
     is_exact: bool = False
     sphere_radius: float = 1.0
 

@@ -12,6 +12,7 @@ import math
 import re
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 from urllib.parse import unquote
 
@@ -19,20 +20,23 @@ import numpy as np
 
 from pgcp.errors import BadFileError
 from pgcp.io.formats import Beside, Format, register
+from pgcp.io.gltf_parts import Block, name_of, source_of
 from pgcp.io.gltf_write import write_glb, write_textured_glb
 from pgcp.io.text import joined, shown
-from pgcp.types import FloatArray, IntArray
+from pgcp.types import FloatArray, IntArray, Source
 
 _GLB_HEAD, _JSON, _BIN = 12, 0x4E4F534A, 0x004E4942
 _TRIANGLES = 4
 _INDEX_KINDS = {5121: "<u1", 5123: "<u2", 5125: "<u4"}
 _FLOAT = 5126
+_UNITS = {5121: ("<u1", 255.0), 5123: ("<u2", 65535.0), 5126: ("<f4", 1.0)}
+_SHAPES = {"VEC3": 3, "VEC4": 4}
 _COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_mesh_quantization")
 _MOST = 2**53
 
 
-def read_gltf(data: bytes, beside: Beside) -> tuple[FloatArray, IntArray]:
-    """Vertices (V, 3) and faces (F, 3) of a glTF scene; ``beside`` opens a file named in it.
+def read_gltf(data: bytes, beside: Beside) -> Source:
+    """Vertices and triangles of a glTF scene, with names, materials, colours and normals; ``beside`` opens a file named in it.
 
     Primitives of one mesh that use the same positions share their vertices. Raises BadFileError saying what is wrong.
     """
@@ -103,16 +107,21 @@ class _Scene:
         self._buffers: dict[int, bytes] = {}
         self._vertices: list[FloatArray] = []
         self._faces: list[IntArray] = []
+        self._blocks: list[Block] = []
+        self._colours: list[tuple[int, int, FloatArray]] = []
+        self._normals: list[tuple[int, int, FloatArray]] = []
         self._placed = 0
         self._vertex_count = 0
 
-    def read(self) -> tuple[FloatArray, IntArray]:
+    def read(self) -> Source:
         """All triangles, in the order of the nodes."""
-        for mesh, place in self._nodes():
-            self._add_mesh(mesh, place)
+        for name, mesh, place in self._nodes():
+            self._add_mesh(name, mesh, place)
         if not self._faces:
             raise BadFileError("its scene has no triangles")
-        return joined(self._vertices, (0, 3), np.float64), joined(self._faces, (0, 3), np.int64)
+        vertices, faces = joined(self._vertices, (0, 3), np.float64), joined(self._faces, (0, 3), np.int64)
+        materials = self._list(self._document, "materials", "the file")
+        return source_of(vertices, faces, self._blocks, materials, self._colours, self._normals)
 
     def _item(self, kind: str, index: Any, what: str) -> dict[str, Any]:
         items = self._document.get(kind)
@@ -130,8 +139,8 @@ class _Scene:
             raise BadFileError(f"{what} has {key} that are no list")
         return value
 
-    def _nodes(self) -> Iterator[tuple[int, FloatArray]]:
-        """Mesh number and transformation (4, 4) of every node with a mesh, parents before children."""
+    def _nodes(self) -> Iterator[tuple[str, int, FloatArray]]:
+        """Name, mesh number and transformation (4, 4) of every node with a mesh, parents before children."""
         nodes = self._list(self._document, "nodes", "the file")
         if "scenes" in self._document:
             scene = self._item("scenes", self._document.get("scene", 0), "the scene")
@@ -151,10 +160,10 @@ class _Scene:
             seen.add(index)
             place = parent @ _transformation(node, f"node {index}")
             if "mesh" in node:
-                yield _number(node["mesh"], f"the mesh of node {index}"), place
+                yield name_of(node, ""), _number(node["mesh"], f"the mesh of node {index}"), place
             waiting += [(child, place) for child in reversed(self._list(node, "children", f"node {index}"))]
 
-    def _add_mesh(self, index: int, place: FloatArray) -> None:
+    def _add_mesh(self, name: str, index: int, place: FloatArray) -> None:
         mesh = self._item("meshes", index, "a node's mesh")
         first: dict[int, int] = {}
         for k, primitive in enumerate(self._list(mesh, "primitives", f"mesh {index}")):
@@ -169,6 +178,11 @@ class _Scene:
                 raise BadFileError(f"{what} has mode {mode}, a strip or a fan; only separate triangles are read")
             positions = _number(attributes.get("POSITION"), f"the POSITION of {what}")
             self._add_faces(primitive, positions, first, place, what)
+            material = primitive.get("material")
+            known = len(self._list(self._document, "materials", "the file"))
+            is_one = isinstance(material, int) and not isinstance(material, bool) and 0 <= material < known
+            names = name_of(mesh, "") if name == "" else name, name_of(mesh, "")
+            self._blocks.append(Block(len(self._faces[-1]), names, material if is_one else -1))
 
     def _add_faces(
         self, primitive: dict[str, Any], positions: int, first: dict[int, int], place: FloatArray, what: str
@@ -178,6 +192,7 @@ class _Scene:
             first[positions] = self._vertex_count
             self._vertex_count += len(points)
             self._vertices.append(points @ place[:3, :3].T + place[:3, 3])
+            self._add_attributes(primitive["attributes"], place, what)
         before = first[positions]
         count = self._item("accessors", positions, "a POSITION")["count"]
         corners = np.arange(count) if primitive.get("indices") is None else self._indices(primitive["indices"], what)
@@ -187,6 +202,29 @@ class _Scene:
             raise BadFileError(f"{what} uses vertex {corners.max()}, but it has vertices 0 to {count - 1}")
         faces = corners.reshape(-1, 3) + before
         self._faces.append(faces if np.linalg.det(place[:3, :3]) >= 0 else faces[:, ::-1])
+
+    def _add_attributes(self, attributes: dict[str, Any], place: FloatArray, what: str) -> None:
+        """Keep colours and normals of the vertices that were added last; those that cannot be read are left out."""
+        count = len(self._vertices[-1])
+        begin, end = self._vertex_count - count, self._vertex_count
+        for name, kept in (("COLOR_0", self._colours), ("NORMAL", self._normals)):
+            with suppress(BadFileError):
+                if name not in attributes:
+                    continue
+                number = _number(attributes[name], f"the {name} of {what}")
+                entry = self._item("accessors", number, f"the {name} of {what}")
+                component, shape = entry.get("componentType"), entry.get("type")
+                if (
+                    component not in _UNITS
+                    or shape not in _SHAPES
+                    or (name == "NORMAL" and (component, shape) != (_FLOAT, "VEC3"))
+                ):
+                    continue
+                kind, unit = _UNITS[component]
+                values = self._values(entry, number, kind, _SHAPES[shape])[:, :3].astype(np.float64) / unit
+                if len(values) != count or not np.isfinite(values).all():
+                    continue
+                kept.append((begin, end, values if name == "COLOR_0" else _turned(values, place[:3, :3])))
 
     def _positions(self, accessor: int, what: str) -> FloatArray:
         entry = self._item("accessors", accessor, f"the POSITION of {what}")
@@ -258,6 +296,15 @@ class _Scene:
         return self._beside(unquote(uri))
 
 
+def _turned(normals: FloatArray, place: FloatArray) -> FloatArray:
+    """Unit normals (n, 3) where a node places its mesh: by the matrix of cofactors (3, 3)."""
+    columns = [np.cross(place[:, (k + 1) % 3], place[:, (k + 2) % 3]) for k in range(3)]
+    out = normals @ np.array(columns)
+    length = np.linalg.norm(out, axis=1)
+    out[length == 0.0] = [0.0, 0.0, 1.0]
+    return np.asarray(out / np.where(length > 0.0, length, 1.0)[:, None])
+
+
 def _transformation(node: dict[str, Any], what: str) -> FloatArray:
     """The node's own (4, 4): its matrix, or translation, rotation and scale."""
     if "matrix" in node:
@@ -293,7 +340,7 @@ register(
         summary="the triangles of a binary glTF 2.0 scene; written in 32-bit floats with the map as TEXCOORD_0",
         read=read_gltf,
         write=write_glb,
-        carries=("vertices", "uv", "normals"),
+        carries=("vertices", "uv", "normals", "given"),
         textured=write_textured_glb,
         looks=(rb"glTF", "GLB"),
     )

@@ -1,4 +1,4 @@
-"""GLB files, written: one mesh with texture coordinates, normals and a material that is seen from outside only."""
+"""GLB files, written: one mesh with texture coordinates and normals, with the input's colours and materials or a plain one."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import IO, Any
 import numpy as np
 
 from pgcp.io.formats import Arrays
+from pgcp.io.given import GivenParts, as_unit, has_colours, materials_of
 
 _FLOAT, _SHORT, _INT = 5126, 5123, 5125  # component types
 _VERTICES, _INDICES = 34962, 34963  # what a buffer view is for
@@ -33,7 +34,7 @@ class _Parts:
         return len(self.views) - 1
 
     def rows(self, values: np.ndarray) -> int:
-        """Add values (n, 2) or (n, 3) of vertices; returns the number of their accessor."""
+        """Add values (n, 2), (n, 3) or (n, 4) of vertices; returns the number of their accessor."""
         single = np.ascontiguousarray(values, "<f4")
         entry = {"bufferView": self.view(single.tobytes(), _VERTICES), "componentType": _FLOAT, "count": len(single)}
         ends = {"min": single.min(axis=0).tolist(), "max": single.max(axis=0).tolist()}
@@ -56,15 +57,27 @@ def write_glb(stream: IO[bytes], arrays: Arrays, png: bytes = b"") -> None:
         attributes["NORMAL"] = parts.rows(arrays["normals"])
     if "uv" in arrays:
         attributes["TEXCOORD_0"] = parts.rows(arrays["uv"] * [1.0, -1.0] + [0.0, 1.0])
-    primitive = {"attributes": attributes, "indices": parts.corners(arrays["faces"], len(arrays["vertices"])), "material": 0}
     surface: dict[str, Any] = {"metallicFactor": 0.0, "roughnessFactor": 0.9}
+    materials: list[dict[str, Any]] = [{"pbrMetallicRoughness": surface, "doubleSided": False}]
+    pieces = [(arrays["faces"], 0)]
+    given: GivenParts | None = arrays.get("given")
+    if given is not None and has_colours(given.of_vertices) and not png:
+        attributes["COLOR_0"] = parts.rows(as_unit(given.of_vertices))
+    if given is not None and not png:
+        found, of_face = materials_of(given)
+        materials += found
+        pieces = [(arrays["faces"][of_face == k], k + 1) for k in np.unique(of_face).tolist()]
+        if not any(k == 0 for _, k in pieces):
+            materials, pieces = found, [(faces, k - 1) for faces, k in pieces]
+    count = len(arrays["vertices"])
+    primitives = [{"attributes": attributes, "indices": parts.corners(faces, count), "material": k} for faces, k in pieces]
     document: dict[str, Any] = {
         "asset": {"version": "2.0", "generator": "pgcp"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [primitive]}],
-        "materials": [{"pbrMetallicRoughness": surface, "doubleSided": False}],
+        "meshes": [{"primitives": primitives}],
+        "materials": materials,
     }
     if png:
         surface["baseColorTexture"] = {"index": 0}

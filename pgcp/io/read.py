@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import stat
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -14,7 +15,8 @@ from pgcp.errors import BadFileError
 from pgcp.io.formats import Format, of_suffix, readable, suffixes_of
 from pgcp.io.missing import explain_missing
 from pgcp.io.text import as_text, shown
-from pgcp.types import IntArray, Mesh
+from pgcp.polygons.triangulate import triangulated
+from pgcp.types import IntArray, Mesh, Source
 
 # what a file that cannot be read may be instead; the first that fits is named
 _LOOKS = (
@@ -86,10 +88,18 @@ def _beside(path: Path, name: str) -> bytes:
 
 
 def read_mesh(path: str | Path) -> Mesh:
-    """Read a triangle mesh in the format of its file name's ending, one of ``formats.readable``.
+    """Read a mesh in the format of its file name's ending, one of ``formats.readable``; polygons are cut into triangles.
 
     Vertices and faces keep the file's order (where a format numbers no vertices, as STL, exactly equal corners become one,
-    in order of first use). Raises BadFileError where the file is no such mesh, InputError where its contents are no triangle
+    in order of first use). Raises BadFileError and InputError as ``read_source`` does.
+    """
+    return triangulated(read_source(path)).mesh
+
+
+def read_source(path: str | Path) -> Source:
+    """Read all that a file says of a surface, in the format of its name's ending; polygons and vertices are as in the file.
+
+    Raises BadFileError where the file is no such mesh, InputError where its contents are no triangle
     mesh or a package is needed to read it.
     """
     path = Path(path)
@@ -104,14 +114,17 @@ def read_mesh(path: str | Path) -> Mesh:
         if not data:
             raise BadFileError(f"{path}: the file is empty")
         try:
-            vertices, faces = kind.read(data, partial(_beside, path))
+            found = kind.read(data, partial(_beside, path))
         except BadFileError as problem:
             instead = _instead(data, kind)
             looks = f"; it looks like {instead}" if instead else ""
             raise BadFileError(f"{path}: not a readable {path.suffix[1:].upper()} file: {problem}{looks}") from problem
     except MemoryError as problem:
         raise BadFileError(f"{path}: the file holds more than fits in memory") from problem
-    return Mesh(vertices, faces, path.name)
+    if isinstance(found, Source):
+        return replace(found, name=path.name)
+    mesh = Mesh(*found, path.name)
+    return Source(mesh.vertices, mesh.faces.reshape(-1), name=mesh.name)
 
 
 def read_cuts(path: str | Path) -> IntArray:

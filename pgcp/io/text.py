@@ -160,14 +160,10 @@ def whole(values: FloatArray, what: str, first: int = 0) -> IntArray:
     return values.astype(np.int64)
 
 
-def not_triangles(sizes: IntArray, line: int | None = None) -> BadFileError:
-    """The error for faces with these numbers of corners, of which some are not three."""
-    bad = int(np.flatnonzero(sizes != 3)[0])
-    where = "" if line is None else f"line {line}: "
-    return BadFileError(
-        f"{where}face {bad} has {int(sizes[bad])} corners and {int((sizes != 3).sum())} faces in all are not triangles; "
-        "triangulate the mesh first"
-    )
+def ragged(starts: IntArray, sizes: IntArray) -> IntArray:
+    """Places (C,) of rows of these sizes, one after the other, that begin at these places."""
+    step = np.arange(int(sizes.sum())) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    return np.asarray(np.repeat(starts, sizes) + step)
 
 
 def nine_digits(values: FloatArray) -> FloatArray:

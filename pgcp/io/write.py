@@ -15,6 +15,7 @@ from pgcp.errors import BadFileError, InputError
 from pgcp.io.coordinates import coordinates_of, image_of
 from pgcp.io.files import FileSet, replacing, replacing_together
 from pgcp.io.formats import DEFAULT_OUTPUTS, VERTICES, Arrays, Format, of_name, outputs, suffixes_of, writable
+from pgcp.io.given import given_parts, vertex_normals
 from pgcp.types import FloatArray, IntArray, Layout, Mesh, Parameterization
 
 _PICTURE, _REPORT = ".png", "report.json"
@@ -34,7 +35,7 @@ def _write(stream: IO[bytes], kind: Format, arrays: Arrays, stem: str = "", png:
     if png is not None and kind.textured is not None and "uv" in carried:
         return kind.textured(stream, carried, stem, png)
     kind.write(stream, carried)
-    return {}
+    return {} if kind.beside is None else kind.beside(carried)
 
 
 def write_mesh(path: str | Path, mesh: Mesh, uv: FloatArray | None = None, *, sphere: FloatArray | None = None) -> None:
@@ -82,19 +83,34 @@ def _normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return out
 
 
-def _arrays_for(kind: Format, result: Parameterization, layout: Layout | None) -> dict[str, np.ndarray]:
+def _normals_of(result: Parameterization) -> FloatArray:
+    """Unit normals (V, 3), smooth across vertices that the input splits."""
+    if result.origin is None:
+        return _normals(result.mesh.vertices, result.mesh.faces)
+    point_of = result.origin.point_of
+    first = np.unique(point_of, return_index=True)[1]
+    numbers = np.empty(int(point_of.max()) + 1, np.int64)
+    numbers[point_of[first]] = np.arange(len(first))
+    return _normals(result.mesh.vertices[first], numbers[point_of[result.mesh.faces]])[numbers[point_of]]
+
+
+def _arrays_for(kind: Format, result: Parameterization, layout: Layout | None) -> dict[str, Any]:
     """What a file of a format can hold of a map."""
     key, coordinates = coordinates_of(result)
     mesh = result.mesh
     patch = result.patch.astype(np.promote_types(np.int16, np.min_scalar_type(int(result.patch.max()))), copy=False)
-    arrays: dict[str, np.ndarray] = {"faces": mesh.faces, "patch": patch, "mu": result.mu}
+    arrays: dict[str, Any] = {"faces": mesh.faces, "patch": patch, "mu": result.mu}
+    given = given_parts(result.origin, mesh.faces)
+    if given is not None:
+        arrays["given"] = given
     if result.vertex_of is not None and result.face_of is not None:
         arrays |= {"vertex_of": result.vertex_of, "face_of": result.face_of}
     arrays |= {name: getattr(result, name) for name in _MEASURES if name in kind.carries and hasattr(result, name)}
     if result.report.get("single_precision_folds"):
         arrays["in_doubles"] = np.empty(0)
     if "normals" in kind.carries:
-        arrays["normals"] = _normals(mesh.vertices, mesh.faces)
+        own = None if given is None else vertex_normals(given)
+        arrays["normals"] = _normals_of(result) if own is None else own
     on_texture = layout is not None and not kind.is_exact and "uv" in kind.carries and (key == "uv" or key not in kind.carries)
     if not on_texture or layout is None:
         arrays[key] = coordinates
@@ -106,6 +122,8 @@ def _arrays_for(kind: Format, result: Parameterization, layout: Layout | None) -
     if "uv_faces" in kind.carries:
         return {**arrays, "uv_faces": layout.faces}
     arrays["faces"] = layout.faces
+    if given is not None:
+        arrays["given"] = given.with_copies(layout.copies, layout.faces)
     repeated = [name for name in arrays if name in (VERTICES, "normals", *_BY_VERTEX)]
     return {**arrays, **{name: np.concatenate([arrays[name], arrays[name][layout.copies]]) for name in repeated}}
 

@@ -163,7 +163,7 @@ BAD = {
     "header.ply": (b"ply\nformat ascii 1.0\nelement vertex 3\n", "not a readable PLY"),
     "cloud.ply": (CLOUD, "no face element"),
     "short.ply": (None, "not a readable PLY"),
-    "quads.obj": (b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n", "face 0 has 4 corners"),
+    "quads.obj": (b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\nf 1 3 2 3\n", "face 1 has vertex 2 at two of its corners"),
     "zero.obj": (b"v 0 0 0\nv 1 0 0\nv 1 1 0\nf 0 1 2\n", "numbers vertices from 1"),
     "range.obj": (b"v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 9\n", "uses vertex 8"),
     "nan.obj": (b"v 0 0 0\nv nan 0 0\nv 1 1 0\nf 1 2 3\n", "vertex 1 has a coordinate"),
@@ -185,12 +185,11 @@ def test_bad_files_are_refused_with_one_sentence(name, mesh, tmp_path):
     assert "\n" not in str(caught.value)
 
 
-def test_a_ply_of_quads_is_refused(tmp_path):
+def test_a_ply_of_quads_is_read_as_triangles(tmp_path):
     text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
     text += "property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n"
     (tmp_path / "q.ply").write_text(text)
-    with pytest.raises(BadFileError, match="4"):
-        read_mesh(tmp_path / "q.ply")
+    assert read_mesh(tmp_path / "q.ply").faces.tolist() == [[0, 1, 2], [0, 2, 3]]
 
 
 def test_a_missing_file_is_refused(tmp_path):
