@@ -39,10 +39,12 @@ class Format:
     "uv_faces" (F, 3) a format numbers texture coordinates apart from vertices; without it vertices are repeated along cuts.
     "given" is a ``given.GivenParts``: polygons and all else that the input held.
     looks: a regular expression that matches how such files begin, and what they are called where their name is wrong.
-    needs: packages, as they are installed, that pgcp does without where the format is not used.
+    needs: packages, as they are installed, that reading or writing it needs and other formats do not; extra: the extra of
+    pgcp that brings them; writes_alone: whether it is written without them.
     textured(stream, arrays, stem, png): writes the same with a picture as the surface's texture, in a file called ``stem``;
     returns the contents of files beside it by name. None where a format has no textures.
     beside(arrays): contents of files that go beside one without a picture, by name.
+    is_told_by_content: whether a file whose name has a suffix of no format is one of these where it begins as ``looks`` says.
     is_exact: whether "uv" are the map's own coordinates, not those of the texture. sphere_radius: of the sphere, where the mesh
     is the image of the map.
     """
@@ -55,19 +57,23 @@ class Format:
     carries: tuple[str, ...] = (VERTICES,)
     looks: tuple[bytes, str] | None = None
     needs: tuple[str, ...] = ()
+    extra: str = ""
+    writes_alone: bool = False
     textured: Callable[[IO[bytes], Arrays, str, bytes], dict[str, bytes]] | None = None
     beside: Callable[[Arrays], dict[str, bytes]] | None = None
+    is_told_by_content: bool = False
     is_exact: bool = False
     sphere_radius: float = 1.0
 
     def check_packages(self, doing: str) -> None:
         """Raise InputError where a package is not installed that ``doing`` ("reading" or "writing") needs."""
-        for name in self.needs:
+        for name in () if doing == "writing" and self.writes_alone else self.needs:
             try:
                 distribution(name)
             except PackageNotFoundError as problem:
+                extra = f"'pgcp[{self.extra}]'" if self.extra else name
                 raise InputError(
-                    f"{doing} {self.suffixes[0]} needs the package {name}, which is not installed: pip install {name}"
+                    f"{doing} {self.suffixes[0]} needs the package {name}, which is not installed: pip install {extra}"
                 ) from problem
 
 
@@ -99,11 +105,6 @@ def readable() -> tuple[Format, ...]:
 def writable() -> tuple[Format, ...]:
     """Formats that are written."""
     return tuple(kind for kind in formats() if kind.write is not None)
-
-
-def of_suffix(suffix: str, kinds: Collection[Format]) -> Format | None:
-    """The one of these formats whose files end so, in capitals or not."""
-    return next((kind for kind in kinds if suffix.lower() in kind.suffixes), None)
 
 
 def of_name(name: str, kinds: Collection[Format]) -> Format | None:

@@ -1,14 +1,17 @@
-"""GIFTI files of brain imaging: the map's image as a surface, and values at vertices."""
+"""GIFTI files of brain imaging: surfaces, the map's image as a surface, and values at vertices."""
 
 from __future__ import annotations
 
 import base64
+import warnings
 import zlib
 from typing import IO
 
 import numpy as np
 
-from pgcp.io.formats import Arrays, Format, register
+from pgcp.errors import BadFileError
+from pgcp.io.formats import Arrays, Beside, Format, register
+from pgcp.types import FloatArray, IntArray
 
 _KINDS = {"<f4": "NIFTI_TYPE_FLOAT32", "<i4": "NIFTI_TYPE_INT32"}
 _HEAD = (
@@ -52,12 +55,44 @@ def write_shape(stream: IO[bytes], arrays: Arrays) -> None:
     _write(stream, _array(arrays["log_scale"], "NIFTI_INTENT_SHAPE", "<f4", "log_scale"))
 
 
+def read_surface(data: bytes, _beside: Beside) -> tuple[FloatArray, IntArray]:
+    """Vertices (V, 3) and triangles (F, 3) of the first surface of a GIFTI file; no other file is opened.
+
+    Raises BadFileError for what nibabel cannot read, and where the file holds values, but no surface.
+    """
+    if b"ExternalFileBinary" in data:
+        raise BadFileError("its data lie in another file, which is not opened; wb_command -gifti-convert puts them inside")
+    try:
+        from nibabel.gifti import GiftiImage
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            image = GiftiImage.from_bytes(data)
+        points, triangles = (image.get_arrays_from_intent(f"NIFTI_INTENT_{kind}") for kind in ("POINTSET", "TRIANGLE"))
+    except MemoryError:
+        raise
+    except Exception as problem:
+        reason = " ".join(str(problem).split())
+        raise BadFileError(f"nibabel cannot read it: {type(problem).__name__}: {reason}"[:300]) from problem
+    if not points or not triangles:
+        raise BadFileError("it holds no surface: an array of points or one of triangles is missing")
+    vertices, faces = np.asarray(points[0].data), np.asarray(triangles[0].data)
+    if faces.dtype.kind not in "iu" or faces.ndim != 2 or vertices.ndim != 2:
+        raise BadFileError(f"its points have shape {vertices.shape}, its triangles {faces.shape} of type {faces.dtype}")
+    return vertices.astype(np.float64), faces
+
+
 register(
     Format(
         name="surf.gii",
-        suffixes=(".surf.gii",),
-        summary="GIFTI surface; written as the map's image, a sphere with radius 100",
+        suffixes=(".surf.gii", ".gii"),
+        summary="GIFTI surface, read by nibabel; written as the map's image, a sphere with radius 100",
+        read=read_surface,
         write=write_surface,
+        looks=(rb"\s*<\?xml[^>]*>\s*(?:<!DOCTYPE\s+GIFTI|<GIFTI)", "GIFTI"),
+        needs=("nibabel",),
+        extra="brain",
+        writes_alone=True,
         sphere_radius=100.0,
     )
 )

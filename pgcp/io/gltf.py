@@ -22,11 +22,12 @@ from pgcp.errors import BadFileError
 from pgcp.io.formats import Beside, Format, register
 from pgcp.io.gltf_parts import Block, name_of, source_of
 from pgcp.io.gltf_write import write_glb, write_textured_glb
+from pgcp.io.strips import triangles_of_strips
 from pgcp.io.text import joined, shown
 from pgcp.types import FloatArray, IntArray, Source
 
 _GLB_HEAD, _JSON, _BIN = 12, 0x4E4F534A, 0x004E4942
-_TRIANGLES = 4
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _INDEX_KINDS = {5121: "<u1", 5123: "<u2", 5125: "<u4"}
 _FLOAT = 5126
 _UNITS = {5121: ("<u1", 255.0), 5123: ("<u2", 65535.0), 5126: ("<f4", 1.0)}
@@ -174,10 +175,10 @@ class _Scene:
             mode = _number(primitive.get("mode"), f"the mode of {what}", _TRIANGLES)
             if mode < _TRIANGLES:
                 continue  # points and lines
-            if mode != _TRIANGLES:
-                raise BadFileError(f"{what} has mode {mode}, a strip or a fan; only separate triangles are read")
+            if mode > _FAN:
+                raise BadFileError(f"{what} has mode {mode}, which glTF does not know")
             positions = _number(attributes.get("POSITION"), f"the POSITION of {what}")
-            self._add_faces(primitive, positions, first, place, what)
+            self._add_faces(primitive, positions, mode, first, place, what)
             material = primitive.get("material")
             known = len(self._list(self._document, "materials", "the file"))
             is_one = isinstance(material, int) and not isinstance(material, bool) and 0 <= material < known
@@ -185,7 +186,7 @@ class _Scene:
             self._blocks.append(Block(len(self._faces[-1]), names, material if is_one else -1))
 
     def _add_faces(
-        self, primitive: dict[str, Any], positions: int, first: dict[int, int], place: FloatArray, what: str
+        self, primitive: dict[str, Any], positions: int, mode: int, first: dict[int, int], place: FloatArray, what: str
     ) -> None:
         if positions not in first:
             points = self._positions(positions, what)
@@ -196,11 +197,9 @@ class _Scene:
         before = first[positions]
         count = self._item("accessors", positions, "a POSITION")["count"]
         corners = np.arange(count) if primitive.get("indices") is None else self._indices(primitive["indices"], what)
-        if len(corners) % 3:
-            raise BadFileError(f"{what} has {len(corners)} corners, which make no whole triangles")
         if len(corners) and corners.max() >= count:
             raise BadFileError(f"{what} uses vertex {corners.max()}, but it has vertices 0 to {count - 1}")
-        faces = corners.reshape(-1, 3) + before
+        faces = _triangles(corners, mode, what) + before
         self._faces.append(faces if np.linalg.det(place[:3, :3]) >= 0 else faces[:, ::-1])
 
     def _add_attributes(self, attributes: dict[str, Any], place: FloatArray, what: str) -> None:
@@ -242,9 +241,29 @@ class _Scene:
     def _values(self, entry: dict[str, Any], accessor: int, kind: str, columns: int) -> np.ndarray:
         """Values (count, columns) of an accessor, seen to lie within its buffer view before they are touched."""
         name = f"accessor {accessor}"
-        if "sparse" in entry or "bufferView" not in entry:
-            raise BadFileError(f"{name} is sparse or has no buffer view, which is not supported")
         count = _number(entry.get("count"), f"the count of {name}")
+        sparse = entry.get("sparse")
+        if sparse is None:
+            return self._viewed(entry, count, name, kind, columns)
+        if not isinstance(sparse, dict) or not all(isinstance(sparse.get(key), dict) for key in ("indices", "values")):
+            raise BadFileError(f"{name} is sparse, but has no indices and values")
+        if count > self._size:
+            raise BadFileError(f"{name} promises {count} values, more than the file has bytes")
+        values = self._viewed(entry, count, name, kind, columns) if "bufferView" in entry else np.zeros((count, columns), kind)
+        some, number = sparse["indices"], _number(sparse.get("count"), f"the sparse count of {name}")
+        if not isinstance(some.get("componentType"), int) or some["componentType"] not in _INDEX_KINDS:
+            raise BadFileError(f"the sparse indices of {name} are not unsigned whole numbers")
+        places = self._viewed(some, number, f"the sparse indices of {name}", _INDEX_KINDS[some["componentType"]], 1)[:, 0]
+        if len(places) and places.max() >= count:
+            raise BadFileError(f"{name} has {count} values, but its sparse indices name number {places.max()}")
+        out = np.array(values)
+        out[places] = self._viewed(sparse["values"], number, f"the sparse values of {name}", kind, columns)
+        return out
+
+    def _viewed(self, entry: dict[str, Any], count: int, name: str, kind: str, columns: int) -> np.ndarray:
+        """Values (count, columns) of a buffer view that ``entry`` names."""
+        if "bufferView" not in entry:
+            raise BadFileError(f"{name} has no buffer view")
         offset = _number(entry.get("byteOffset"), f"the byteOffset of {name}", 0)
         view = self._item("bufferViews", entry["bufferView"], f"the bufferView of {name}")
         start = _number(view.get("byteOffset"), f"the byteOffset of the buffer view of {name}", 0)
@@ -294,6 +313,17 @@ class _Scene:
                 f"buffer {index} lies at {shown(uri.encode('utf-8', 'replace'))}; nothing is fetched: put it beside the mesh"
             )
         return self._beside(unquote(uri))
+
+
+def _triangles(corners: IntArray, mode: int, what: str) -> IntArray:
+    """Triangles (F, 3) of the corners of a primitive: three each, a strip or a fan."""
+    if mode == _STRIP:
+        return triangles_of_strips(corners, np.array([len(corners)]))
+    if mode == _FAN:
+        return np.column_stack([np.full(max(len(corners) - 2, 0), corners[:1].sum()), corners[1:-1], corners[2:]])
+    if len(corners) % 3:
+        raise BadFileError(f"{what} has {len(corners)} corners, which make no whole triangles")
+    return corners.reshape(-1, 3)
 
 
 def _turned(normals: FloatArray, place: FloatArray) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import stat
+import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,18 +13,21 @@ from pathlib import Path
 import numpy as np
 
 from pgcp.errors import BadFileError
-from pgcp.io.formats import Format, of_suffix, readable, suffixes_of
+from pgcp.io.formats import Format, of_name, readable, suffixes_of
 from pgcp.io.missing import explain_missing
 from pgcp.io.text import as_text, shown
+from pgcp.io.unpack import GZIP, unpacked_gzip
 from pgcp.polygons.triangulate import triangulated
 from pgcp.types import IntArray, Mesh, Source
 
+STANDARD_INPUT = "-"
+_PACKED = ".gz"
 # what a file that cannot be read may be instead; the first that fits is named
 _LOOKS = (
     (rb"\s*version https://git-lfs", "a git-LFS pointer and not the data; fetch them with 'git lfs pull'"),
     (rb"\s*<(?:!doctype html|html|head)", "an HTML page, perhaps that of a failed download"),
     (rb"\s*<\?xml|\s*<[a-z]", "XML or HTML text"),
-    (rb"\x1f\x8b", "gzip data; unpack them first"),
+    (rb"\x1f\x8b", "gzip data; let its name end in .gz"),
     (rb"PK\x03\x04", "a zip archive; unpack it first"),
     (rb"BZh|\xfd7zXZ|7z\xbc\xaf|\x28\xb5\x2f\xfd", "compressed data; unpack them first"),
     (rb"\xff\xfe|\xfe\xff", "UTF-16 text; save it as UTF-8 or ascii"),
@@ -97,34 +101,68 @@ def read_mesh(path: str | Path) -> Mesh:
 
 
 def read_source(path: str | Path) -> Source:
-    """Read all that a file says of a surface, in the format of its name's ending; polygons and vertices are as in the file.
+    """Read all that a file says of a surface; polygons and vertices are as in the file.
 
-    Raises BadFileError where the file is no such mesh, InputError where its contents are no triangle
-    mesh or a package is needed to read it.
+    The ending of its name says the format, or its first bytes where no format has that ending. Files whose name ends in .gz
+    are unpacked, and ``-`` stands for a PLY file on the standard input. Raises BadFileError where the file is no such mesh, InputError where its
+    contents are no triangle mesh or a package is needed to read it.
     """
     path = Path(path)
-    _refuse_other_things(path)
-    kinds = readable()
-    kind = of_suffix(path.suffix, kinds)
-    if kind is None or kind.read is None:
-        raise BadFileError(f"{path}: cannot read {path.suffix or 'a file without ending'}; known are {suffixes_of(kinds)}")
-    kind.check_packages("reading")
     try:
-        data = _contents(path)
-        if not data:
-            raise BadFileError(f"{path}: the file is empty")
-        try:
-            found = kind.read(data, partial(_beside, path))
-        except BadFileError as problem:
-            instead = _instead(data, kind)
-            looks = f"; it looks like {instead}" if instead else ""
-            raise BadFileError(f"{path}: not a readable {path.suffix[1:].upper()} file: {problem}{looks}") from problem
+        if str(path) == STANDARD_INPUT:
+            return _parsed(Path("stdin.ply"), sys.stdin.buffer.read())
+        _refuse_other_things(path)
+        _kind_of(path, None)
+        return _parsed(path, _contents(path))
     except MemoryError as problem:
         raise BadFileError(f"{path}: the file holds more than fits in memory") from problem
+
+
+def _parsed(path: Path, data: bytes) -> Source:
+    """What the bytes of a file of this name say."""
+    if not data:
+        raise BadFileError(f"{path}: the file is empty")
+    packed = path.suffix.lower() == _PACKED
+    bare = path.with_suffix("") if packed else path
+    if packed:
+        try:
+            data = unpacked_gzip(data)
+        except BadFileError as problem:
+            instead = "" if data.startswith(GZIP) else _instead(data)
+            raise BadFileError(f"{path}: {problem}{f'; it looks like {instead}' if instead else ''}") from problem
+    kind = _kind_of(bare, data)
+    assert kind is not None and kind.read is not None
+    try:
+        found = kind.read(data, partial(_beside, path))
+    except BadFileError as problem:
+        instead = _instead(data, kind)
+        looks = f"; it looks like {instead}" if instead else ""
+        suffix = bare.suffix if bare.suffix.lower() in kind.suffixes else kind.suffixes[0]
+        what = f"a readable {suffix[1:].upper()} file" if not kind.is_told_by_content else "a readable FreeSurfer surface"
+        raise BadFileError(f"{path}: not {what}: {problem}{looks}") from problem
     if isinstance(found, Source):
-        return replace(found, name=path.name)
-    mesh = Mesh(*found, path.name)
+        return replace(found, name=bare.name)
+    mesh = Mesh(*found, bare.name)
     return Source(mesh.vertices, mesh.faces.reshape(-1), name=mesh.name)
+
+
+def _kind_of(path: Path, data: bytes | None) -> Format | None:
+    """The format of a file by its name, else by its first bytes, where they are known; its packages are there.
+
+    Raises BadFileError where there is none, and where the name alone rules all out.
+    """
+    kinds = readable()
+    name = path.name[: -len(_PACKED)] if path.suffix.lower() == _PACKED else path.name
+    kind = of_name(name, kinds)
+    told = [other for other in kinds if other.is_told_by_content and other.looks]
+    if kind is None and data is not None:
+        kind = next((other for other in told if other.looks and re.match(other.looks[0], data)), None)
+    if kind is not None:
+        kind.check_packages("reading")
+    elif data is not None or not told:
+        suffix = Path(name).suffix
+        raise BadFileError(f"{path}: cannot read {suffix or 'a file without ending'}; known are {suffixes_of(kinds)}")
+    return kind
 
 
 def read_cuts(path: str | Path) -> IntArray:

@@ -9,7 +9,6 @@ import io
 import logging
 import re
 import warnings
-import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
@@ -22,14 +21,13 @@ from pgcp.io.coordinates import coordinates_of
 from pgcp.io.formats import Arrays, Beside, Format, register
 from pgcp.io.soup import weld_duplicates
 from pgcp.io.text import joined
+from pgcp.io.unpack import check_unpacked_size
 from pgcp.types import FloatArray, IntArray, Parameterization
 
 if TYPE_CHECKING:
     import trimesh
 
 _COLLADA = ("dae", "zae")  # trimesh gives three vertices to each of their faces
-_MOST_UNPACKED = 16 << 20  # bytes of an archive's contents, and so many times the archive's size
-_MOST_TIMES = 100
 _LONGEST = 200  # characters of another package's message
 # what trimesh warns of and what has no bearing on the triangles
 _HARMLESS = re.compile("texture|bumpmap|shininess|metadata")
@@ -69,7 +67,7 @@ def read_by_trimesh(data: bytes, _beside: Beside, kind: str) -> tuple[FloatArray
     Where the format numbers no vertices, exactly equal corners are one, in order of first use. No other file is opened. Raises
     BadFileError with one sentence for what trimesh cannot read, and for what it would leave out.
     """
-    _check_unpacked_size(data)
+    check_unpacked_size(data)
     with _one_sentence():
         from trimesh.exchange.load import mesh_loaders
 
@@ -103,19 +101,6 @@ def _placed(loaded: Mapping[str, Any]) -> tuple[FloatArray, IntArray]:
         faces.append((corners if np.linalg.det(place[:3, :3]) >= 0 else corners[:, ::-1]) + count)
         count += len(points)
     return joined(vertices, (0, 3), np.float64), joined(faces, (0, 3), np.int64)
-
-
-def _check_unpacked_size(data: bytes) -> None:
-    """Refuse an archive that unpacks to far more than it is."""
-    if not data.startswith(b"PK"):
-        return
-    try:
-        size = sum(member.file_size for member in zipfile.ZipFile(io.BytesIO(data)).infolist())
-    except (zipfile.BadZipFile, ValueError, OSError, NotImplementedError) as problem:
-        raise BadFileError(f"it is no whole zip archive: {_reason(problem)}") from problem
-    most = max(_MOST_UNPACKED, _MOST_TIMES * len(data))
-    if size > most:
-        raise BadFileError(f"its archive of {len(data)} bytes unpacks to {size}; at most {most} are read")
 
 
 class _Heard(logging.Handler):
@@ -169,6 +154,7 @@ def _through_trimesh(name: str, summary: str, needs: tuple[str, ...], carries: t
         carries=carries,
         looks=(rb"\s*<(?!!|html|head)" if name in ("dae", "xaml") else rb"PK\x03\x04", name.upper()),
         needs=needs,
+        extra="formats",
     )
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import struct
+from functools import partial
 from typing import IO
 
 import numpy as np
 
 from pgcp.io.formats import Arrays, Format, register
 from pgcp.io.given import COLOURS, GivenParts, as_unit, has_colours, materials_of, vertex_normals
+from pgcp.io.vtk_read import read_vtk
 from pgcp.types import Columns
 
 _KINDS = {"<f4": "Float32", "<f8": "Float64", "<i4": "Int32", "<i8": "Int64", "u1": "UInt8"}
@@ -101,8 +103,13 @@ register(
     Format(
         name="vtp",
         suffixes=(".vtp",),
-        summary="VTK and ParaView: the surface with the map and its measures as arrays",
+        summary="VTK and ParaView: polygons, read by the package vtk; written with the map and its measures as arrays",
+        read=partial(read_vtk, kind="vtp"),
         write=write_vtp,
+        looks=(rb"\s*(?:<\?xml[^>]*>\s*)?<VTKFile[^>]*PolyData", "VTP"),
+        needs=("vtk",),
+        extra="vtk",
+        writes_alone=True,
         carries=("vertices", *_BY_VERTEX, *(name for name in _BY_FACE if name != "mu_abs"), "mu", "given"),
     )
 )
