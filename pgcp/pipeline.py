@@ -127,7 +127,10 @@ def _inspected(mesh: Mesh, asked: Asked, options: Options, named: Named | None) 
         return given, inspect_mended(given.mesh, asked, given.topology)
     if given.mesh is not mesh:
         seen = look(given.mesh, asked, given.topology)
-    return given, advised(given.mesh, asked, seen)
+    seen = advised(given.mesh, asked, seen)
+    if given.face_of is not None and seen.problem is not None:  # say of which component it is
+        seen = replace(seen, problem=type(seen.problem)(f"{seen.problem}; {given.others}"))
+    return given, seen
 
 
 def _run(taken: _Taken, plan: Plan, job: Job, clock: Clock) -> Run:
