@@ -20,7 +20,7 @@ register(
         suffixes=(".npz",),
         summary="arrays for numpy.load: the map's coordinates, faces, patches and Beltrami coefficients in full precision",
         write=write_npz,
-        carries=("uv", "sphere", "patch", "mu", "vertex_of", "face_of"),
+        carries=("uv", "sphere", "patch", "mu", "vertex_of", "face_of", "polygon_of", "component_of"),
         is_exact=True,
     )
 )

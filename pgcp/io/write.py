@@ -103,6 +103,10 @@ def _arrays_for(kind: Format, result: Parameterization, layout: Layout | None) -
     given = given_parts(result.origin, mesh.faces)
     if given is not None:
         arrays["given"] = given
+        if given.has_polygons:
+            arrays["polygon_of"] = given.polygon_of
+    if result.origin is not None and result.origin.component_of is not None:
+        arrays["component_of"] = result.origin.component_of
     if result.vertex_of is not None and result.face_of is not None:
         arrays |= {"vertex_of": result.vertex_of, "face_of": result.face_of}
     arrays |= {name: getattr(result, name) for name in _MEASURES if name in kind.carries and hasattr(result, name)}
