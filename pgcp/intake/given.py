@@ -102,11 +102,12 @@ def take(
     assert whole.joined is not None
     is_joined = whole.joined != np.arange(len(mesh.vertices))
     count = int(is_joined.sum())
-    if _faults(whole.topology) > _faults(topology):
+    connected = whole.topology.component_count == topology.component_count
+    if connected and _faults(whole.topology) > _faults(topology):
         apart = f"{_vertices(count)} at the places of others stay apart: joined, the surface would not be clean"
         return _chosen(split, component, named)._noted("apart", count, apart)
     one = _chosen(whole, component, named)
-    if whole.topology.component_count == topology.component_count and not one.topology.fits(asked.closed):
+    if connected and not one.topology.fits(asked.closed):
         cut = _chosen(split, component, named)
         if cut.topology.fits(asked.closed):
             would = f"joined, it would be {one.topology.describe()}"

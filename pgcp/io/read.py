@@ -123,8 +123,8 @@ def read_source(path: str | Path) -> Source:
         raise BadFileError(f"{path}: the file holds more than fits in memory") from problem
     if isinstance(found, Source):
         return replace(found, name=path.name)
-    mesh = Mesh(*found, path.name)
-    return Source(mesh.vertices, mesh.faces.reshape(-1), name=mesh.name)
+    vertices, faces = found
+    return Source(vertices, faces.reshape(-1), name=path.name)
 
 
 def read_cuts(path: str | Path) -> IntArray:

@@ -219,6 +219,11 @@ def kind_of(path: Path) -> tuple[Format | None, bool]:
     return kind, packed
 
 
+def _is_other(path: Path, kind: Format, texture: bytes | None) -> bool:
+    """Whether a material file of the input would take the place of a file that was there before."""
+    return kind.beside is not None and texture is None and path.exists()
+
+
 def write_files(
     paths: Sequence[Path],
     result: Parameterization,
@@ -251,7 +256,7 @@ def write_files(
             else:
                 beside = _write(stream, kind, arrays, stem, texture)
             for name, data in beside.items():
-                if path.parent / name not in beside_of:
+                if path.parent / name not in beside_of and not _is_other(path.parent / name, kind, texture):
                     files.open(name).write(data)
             beside_of |= {path.parent / name for name in beside}
         for files in sets.values():

@@ -118,6 +118,17 @@ def test_three_sheets_at_one_edge_are_not_joined():
     assert joined_vertices(mesh.vertices, mesh.faces, examine(mesh.faces, 9).twins) is None
 
 
+def test_two_boxes_that_touch_along_an_edge_stay_two_boxes():
+    """Four open edges are at one place; two of each box."""
+    box = trimesh.creation.box()
+    one = soup(box)
+    points = np.vstack([one.vertices, one.vertices + np.array([1, 1, 0])])
+    given = taken(Mesh(points, np.vstack([one.faces, one.faces + len(one.vertices)])))
+    assert given.topology.is_sphere
+    assert given.topology.face_count == 12
+    assert [note["step"] for note in given.notes] == ["join", "component"]
+
+
 def test_a_sheet_with_a_back_stays_two_sheets():
     front = grid(4)
     points = np.vstack([front.vertices, front.vertices])
