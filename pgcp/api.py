@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
@@ -14,7 +14,7 @@ import numpy as np
 from pgcp.errors import FoldError, InputError, NumericalError
 from pgcp.finish.side_by_side import beside_each_other
 from pgcp.intake.check import inspect, inspect_mended
-from pgcp.intake.given import ALL, LARGEST, named_parts
+from pgcp.intake.given import ALL, LARGEST, Named, named_parts
 from pgcp.intake.pieces import Pieces
 from pgcp.io.read import read_mesh, read_source
 from pgcp.methods.registry import METHODS
@@ -44,6 +44,24 @@ def as_mesh(source: Any) -> Mesh:
     if hasattr(source, "vertices") and hasattr(source, "faces"):
         return Mesh(np.asarray(source.vertices, np.float64), np.asarray(source.faces, np.int64))
     raise InputError(f"expected a mesh, a path or a trimesh, not {type(source).__name__}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """A surface as triangles: how it was cut into them, all else that its file holds, None for nothing, and its parts."""
+
+    cut: Triangles
+    source: Source | None
+    named: Named | None
+
+
+def surface_of(source: Any) -> Surface:
+    """The surface of a mesh, a path, or an object with ``vertices`` and ``faces``, as it is; raises as ``read_mesh`` does."""
+    found = as_source(source)
+    if not isinstance(found, Source):
+        return Surface(Triangles(found), None, None)
+    cut, kept = triangulated(found), None if found.is_plain else found
+    return Surface(cut, kept, None if kept is None else named_parts(kept, cut.corner_of))
 
 
 def as_source(source: Any) -> Mesh | Source:
@@ -81,11 +99,9 @@ def _compute_all(source: Any, options: Options, running: Running, progress: Prog
     if options.centre is not None or options.cuts is not None:
         raise InputError("a centre and cuts are of one component; they do not go with component all")
     progress("read", 0, 0)
-    found = as_source(source)
-    cut = triangulated(found) if isinstance(found, Source) else Triangles(found)
-    kept = found if isinstance(found, Source) and not found.is_plain else None
-    named = None if kept is None else named_parts(kept, cut.corner_of)
-    pieces = Pieces.of(cut.mesh, options.weld_distance, named)
+    surface = surface_of(source)
+    name = surface.cut.mesh.name
+    pieces = Pieces.of(surface.cut.mesh, options.weld_distance, surface.named)
     done, numbers, left, first = list[Parameterization](), list[int](), list[str](), None
     for number in range(pieces.count):
         target = done[0].target if done and options.target == AUTO else options.target
@@ -97,19 +113,18 @@ def _compute_all(source: Any, options: Options, running: Running, progress: Prog
             done.append(map_surface(lambda number=number: pieces.piece(number)[0], each, here, progress))  # type: ignore[misc]
             numbers.append(number)
         except (InputError, NumericalError) as problem:
-            left.append(str(problem).removeprefix(f"{cut.mesh.name}, "))
+            left.append(str(problem).removeprefix(f"{name}, "))
             first = first or problem
     if not done:
         assert first is not None
         raise first
-    return _put_together(pieces, done, numbers, left, (cut, kept))
+    return _put_together(pieces, done, numbers, left, surface)
 
 
 def _put_together(
-    pieces: Pieces, done: list[Parameterization], numbers: list[int], left: list[str], given: tuple[Triangles, Source | None]
+    pieces: Pieces, done: list[Parameterization], numbers: list[int], left: list[str], surface: Surface
 ) -> Result:
     """Maps of components of these numbers as one, on the vertices and in the order of the input."""
-    cut, source = given
     target = TARGETS.get(done[0].target)
     maps = [one.coordinates for one in done]
     if not target.space.closed:
@@ -125,9 +140,9 @@ def _put_together(
     order = np.argsort(np.concatenate(face_of), kind="stable")
     component_of = np.repeat(np.arange(len(done)), [len(one.mesh.faces) for one in done])[order]
     quality = quality_of_all(done)
-    said = [*cut.notes, *pieces.whole.notes, all_note(len(done), left)]
+    said = [*surface.cut.notes, *pieces.whole.notes, all_note(len(done), left)]
     report = report_of_all(done, [pieces.name(number) for number in numbers], said, quality)
-    origin = Origin(back.point_of, back.vertex_of, back.corners(cut.corner_of), source, component_of)
+    origin = Origin(back.point_of, back.vertex_of, back.corners(surface.cut.corner_of), surface.source, component_of)
     patch, mu = np.concatenate(patches_of_all(done))[order], np.concatenate([one.mu for one in done])[order]
     return Result(
         back.mesh, np.concatenate(maps)[back.point_of], patch, mu, quality, target.name, report, back.vertex_of, back.face_of,

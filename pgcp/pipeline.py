@@ -38,7 +38,7 @@ from pgcp.runtime.job import Job
 from pgcp.runtime.resume import resumable, run_key
 from pgcp.runtime.sizing import Plan, make_plan
 from pgcp.runtime.versions import package_versions
-from pgcp.surface.topology import Topology
+from pgcp.surface.topology import Topology, examine
 from pgcp.targets.base import Target
 from pgcp.targets.fitting import Asked, check_options
 from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Origin, Parameterization, Quality, Source
@@ -120,14 +120,19 @@ def _taken_in(source_of: Callable[[], Mesh | Source], method: Method, options: O
 
 def _inspected(mesh: Mesh, asked: Asked, options: Options, named: Named | None) -> tuple[Given, Inspection]:
     """What of a mesh is mapped, and what that is; where it is to be fixed, mending chooses the component."""
-    seen = look(mesh, asked)
-    component = None if options.fix and options.component == LARGEST else options.component
-    given = take(mesh, seen.topology, asked, options.weld_distance, component, named)
     if options.fix:
+        component = None if options.component == LARGEST else options.component
+        topology = examine(mesh.faces, len(mesh.vertices))
+        given = take(mesh, topology, asked, options.weld_distance, component, named)
         return given, inspect_mended(given.mesh, asked, given.topology)
+    seen = look(mesh, asked)
+    given = take(mesh, seen.topology, asked, options.weld_distance, options.component, named)
     if given.mesh is not mesh:
         seen = look(given.mesh, asked, given.topology)
-    return given, advised(given.mesh, asked, seen)
+    seen = advised(given.mesh, asked, seen)
+    if given.face_of is not None and seen.problem is not None:  # say of which component it is
+        seen = replace(seen, problem=type(seen.problem)(f"{seen.problem}; {given.others}"))
+    return given, seen
 
 
 def _run(taken: _Taken, plan: Plan, job: Job, clock: Clock) -> Run:

@@ -147,7 +147,7 @@ class Result(Parameterization):
         component_of = None if self.origin is None else self.origin.component_of
         if component_of is None:
             return layout
-        return globes_in_square(layout, component_of, np.bincount(component_of, self._areas[0]))
+        return globes_in_square(layout, component_of, np.asarray(np.bincount(component_of, self._areas[0]), np.float64))
 
     def texture(self, image: Any = "checker", up: str = "auto") -> trimesh.Trimesh:
         """The surface as a ``trimesh.Trimesh`` with a picture on it, by the layout ``unit``.

@@ -63,13 +63,13 @@ def _run(arguments: argparse.Namespace, signals: Signals) -> int:
 
 def _checked(arguments: argparse.Namespace, shown: Silent) -> int:
     """Say what a mesh is; returns the exit status."""
-    from pgcp.io.read import read_mesh
+    from pgcp.api import surface_of
     from pgcp.surface.demo import demo_mesh
 
     shown("read", 0, 0)
-    mesh = demo_mesh() if arguments.mesh is None else read_mesh(arguments.mesh)
+    surface = surface_of(demo_mesh() if arguments.mesh is None else arguments.mesh)
     shown("check", 0, 0)
-    return check_only(mesh, arguments.target, arguments.fix)
+    return check_only(surface, arguments.target, arguments.fix, arguments.weld_distance, arguments.component)
 
 
 def _mapped(

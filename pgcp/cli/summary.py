@@ -6,41 +6,62 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pgcp.cli.terminal import BAD_INPUT, GOOD, NUMERICAL, say
-from pgcp.types import Mesh, Parameterization
+from pgcp.types import Parameterization
 
 if TYPE_CHECKING:
+    from pgcp.api import Surface
     from pgcp.intake.check import Inspection
+    from pgcp.surface.topology import Topology
+
+_LOOPS = 20
 
 
-def check_only(mesh: Mesh, target: str, fix: bool) -> int:
+def check_only(surface: Surface, target: str, fix: bool, distance: float | None, component: str) -> int:
     """Say what a mesh is and what is wrong with it; returns the exit status."""
-    from pgcp.intake.check import inspect, inspect_mended
+    from pgcp.intake.check import advised, inspect_mended, look
+    from pgcp.intake.given import ALL, LARGEST, take
     from pgcp.surface.topology import examine
     from pgcp.targets.fitting import Asked, fitting_names
 
-    asked = Asked(target)
-    seen = None if fix else inspect(mesh, asked)
+    asked, mesh = Asked(target), surface.cut.mesh
+    seen = None if fix else look(mesh, asked)
     topology = examine(mesh.faces, len(mesh.vertices)) if seen is None else seen.topology
+    chosen = None if component == ALL or (fix and component == LARGEST) else component
+    given = take(mesh, topology, asked, distance, chosen, surface.named)
+    if seen is not None:
+        seen = advised(given.mesh, asked, seen if given.mesh is mesh else look(given.mesh, asked, given.topology))
     say(f"{mesh.name}: {topology.describe()}")
     say(
         f"  {topology.vertex_count} vertices, {topology.edge_count} edges, {topology.face_count} faces, "
         f"{topology.component_count} component{'s' if topology.component_count != 1 else ''}, "
         f"Euler characteristic {topology.euler_characteristic}, "
-        f"boundary loops {[len(loop) for loop in topology.loops] or 'none'}"
+        f"boundary loops {_loops(topology)}"
     )
     if topology.unreferenced_count:
         say(f"  note: {topology.unreferenced_count} vertices are used by no face; they stay where they are in the order")
-    say(f"  targets that fit: {', '.join(fitting_names(topology)) or 'none'}")
-    for defect in topology.defects:
+    for note in (*surface.cut.notes, *given.notes):
+        say(f"  input: {note['message']}")
+    if given.mesh is not mesh:
+        say(f"  then it is {given.topology.describe()}")
+    say(f"  targets that fit: {', '.join(fitting_names(given.topology)) or 'none'}")
+    for defect in given.topology.defects:
         say(f"  defect: {defect.message}")
     if seen is None:
-        return _say_mended(inspect_mended(mesh, asked, topology))
+        return _say_mended(inspect_mended(given.mesh, asked, given.topology))
     if seen.cure:
         say(f"  --fix would {seen.cure}")
     if seen.problem is None:
         return GOOD
     say(f"  refused: {seen.problem}{f'; --fix would {seen.cure}' if seen.cure else ''}")
     return BAD_INPUT
+
+
+def _loops(topology: Topology) -> str:
+    """Numbers of edges of the boundary loops, the longest first."""
+    sizes = [len(loop) for loop in topology.loops]
+    if len(sizes) <= _LOOPS:
+        return str(sizes) if sizes else "none"
+    return f"[{', '.join(map(str, sizes[:_LOOPS]))}, ...] ({len(sizes)} in all)"
 
 
 def _say_mended(seen: Inspection) -> int:

@@ -17,7 +17,7 @@ class GivenBack:
 
     mesh: the input's vertices and faces, those that were mapped; point_of (V',): the mended mesh's vertex at each; vertex_of
     (V',), face_of (F',): the input's vertex and face that each is; turned (F',): whether a face was turned over, so that
-    its second and third corners are the input's third and second.
+    its second and third corners are the input's third and second; is_all: whether it is the input itself.
     """
 
     mesh: Mesh
@@ -25,9 +25,15 @@ class GivenBack:
     vertex_of: IntArray
     face_of: IntArray
     turned: BoolArray
+    is_all: bool = False
 
-    def corners(self, corner_of: IntArray | None) -> IntArray:
-        """Corners (F', 3) of the source; ``corner_of`` (F, 3) those of the input's faces, None where they are its faces."""
+    def corners(self, corner_of: IntArray | None) -> IntArray | None:
+        """Corners (F', 3) of the source; ``corner_of`` (F, 3) those of the input's faces.
+
+        None stands for corners of triangles that are all there, in order.
+        """
+        if corner_of is None and self.is_all:
+            return None
         here = 3 * self.face_of[:, None] + np.arange(3) if corner_of is None else corner_of[self.face_of]
         here[self.turned] = here[self.turned][:, [0, 2, 1]]
         return here
@@ -59,7 +65,7 @@ def give_back(mesh: Mesh, given: Given, mended: Mended) -> GivenBack:
 def _unchanged(mesh: Mesh) -> GivenBack:
     """A mesh that was mapped as it is."""
     vertices = np.arange(len(mesh.vertices))
-    return GivenBack(mesh, vertices, vertices, np.arange(len(mesh.faces)), np.zeros(len(mesh.faces), bool))
+    return GivenBack(mesh, vertices, vertices, np.arange(len(mesh.faces)), np.zeros(len(mesh.faces), bool), True)
 
 
 def _unused(mesh: Mesh, mended: Mended) -> IntArray:

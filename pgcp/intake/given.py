@@ -49,7 +49,8 @@ class Given:
     """The mesh that is mapped, in the input's vertex numbers, and what it was made from.
 
     joined (V,): the vertex that stands for each of the input, None where none was joined; face_of (F',): the input's face that
-    each face is, None where there are all; notes: what report.json and the summary say of it.
+    each face is, None where there are all; notes: what report.json and the summary say of it; others: which component of how
+    many it is and how to map another.
     """
 
     mesh: Mesh
@@ -57,6 +58,7 @@ class Given:
     joined: IntArray | None = None
     face_of: IntArray | None = None
     notes: tuple[dict[str, Any], ...] = ()
+    others: str = ""
 
     @property
     def is_whole(self) -> bool:
@@ -75,7 +77,7 @@ class Given:
         return np.where(known, self.joined[np.where(known, vertices, 0)], vertices)
 
     def _noted(self, step: str, count: int, message: str) -> Given:
-        return replace(self, notes=(*self.notes, {"step": step, "count": count, "message": message}))
+        return replace(self, notes=({"step": step, "count": count, "message": message}, *self.notes))
 
 
 def take(
@@ -100,11 +102,12 @@ def take(
     assert whole.joined is not None
     is_joined = whole.joined != np.arange(len(mesh.vertices))
     count = int(is_joined.sum())
-    if _faults(whole.topology) > _faults(topology):
+    connected = whole.topology.component_count == topology.component_count
+    if connected and _faults(whole.topology) > _faults(topology):
         apart = f"{_vertices(count)} at the places of others stay apart: joined, the surface would not be clean"
         return _chosen(split, component, named)._noted("apart", count, apart)
     one = _chosen(whole, component, named)
-    if whole.topology.component_count == topology.component_count and not one.topology.fits(asked.closed):
+    if connected and not one.topology.fits(asked.closed):
         cut = _chosen(split, component, named)
         if cut.topology.fits(asked.closed):
             would = f"joined, it would be {one.topology.describe()}"
@@ -160,11 +163,13 @@ def _chosen(given: Given, component: str | None, named: Named | None) -> Given:
     one = Mesh(mesh.vertices, mesh.faces[kept], mesh.name)
     sizes = np.bincount(of_face)
     number = order.tolist().index(chosen) + 1
+    left_out = _left_out(order, chosen, sizes, of_face, named)
     message = (
         f"component {number} of {len(order)} is mapped, {len(kept)} of {len(mesh.faces)} faces; left out: "
-        f"{_left_out(order, chosen, sizes, of_face, named)} (--component all maps all, --component N or NAME another)"
+        f"{left_out} (--component all maps all, --component N or NAME another)"
     )
-    chosen_one = Given(one, examine(one.faces, len(one.vertices)), given.joined, kept, given.notes)
+    others = f"it is component {number} of {len(order)}, the others are {left_out}; --component N or NAME maps another"
+    chosen_one = Given(one, examine(one.faces, len(one.vertices)), given.joined, kept, given.notes, others)
     return chosen_one._noted("component", len(mesh.faces) - len(kept), message)
 
 

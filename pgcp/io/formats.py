@@ -33,7 +33,8 @@ class Format:
     write(stream, arrays): writes "faces" (F, 3), and of the arrays named in ``carries`` those that there are. None where the
     format is not written. A key "in_doubles" says that coordinates should not be rounded to 32-bit floats.
     carries: which arrays a written file holds beside the faces: "vertices" (V, 3) of the surface; the map's coordinates, "uv"
-    (V, 2) in the plane or "sphere" (V, 3); "patch" and "mu" (F,); "vertex_of" (V,) and "face_of" (F,) of a fixed mesh; what a
+    (V, 2) in the plane or "sphere" (V, 3); "patch" and "mu" (F,); "vertex_of" (V,) and "face_of" (F,) of a fixed mesh or a
+    part; "polygon_of" and "component_of" (F,); what a
     Result measures by vertex or face, under its name; "normals" (V, 3) of the surface. Where a format has no place for the
     map's coordinates beside the vertices, they take the place of the vertices: the mesh is then the image of the map. With
     "uv_faces" (F, 3) a format numbers texture coordinates apart from vertices; without it vertices are repeated along cuts.

@@ -51,7 +51,7 @@ register(
         read=read_npz,
         looks=(rb"PK\x03\x04", "NPZ"),
         write=write_npz,
-        carries=("uv", "sphere", "patch", "mu", "vertex_of", "face_of"),
+        carries=("uv", "sphere", "patch", "mu", "vertex_of", "face_of", "polygon_of", "component_of"),
         is_exact=True,
     )
 )

@@ -29,7 +29,8 @@ def read_obj(data: bytes, beside: Beside) -> tuple[FloatArray, IntArray] | Sourc
     reader, joints = _Reader(), 0
     for block_numbers, block_lines in line_blocks(text, comment=b"#"):
         numbers, joints = _numbered(block_numbers, block_lines, joints) if continued else (block_numbers, 0)
-        reader.add(numbers, *_heads(numbers, block_lines))
+        heads, lines, kinds = _heads(numbers, block_lines)
+        reader.add(numbers, heads, lines, kinds)
     return reader.finished(beside)
 
 
@@ -46,11 +47,11 @@ class _Reader:
         self._marks: list[tuple[int, bytes]] = []
         self._vertex_count = self._normal_count = self._face_count = 0
 
-    def add(self, numbers: Sequence[int], heads: list[bytes], lines: list[bytes]) -> None:
-        """Take the lines of a block."""
+    def add(self, numbers: Sequence[int], heads: list[bytes], lines: list[bytes], kinds: set[bytes]) -> None:
+        """Take the lines of a block; kinds: which heads there are."""
         v = [i for i, head in enumerate(heads) if head in _VERTEX]
         f = [i for i, head in enumerate(heads) if head in _FACE]
-        n = [i for i, head in enumerate(heads) if head == b"vn"] if b"vn" in heads else []
+        n = [i for i, head in enumerate(heads) if head == b"vn"] if b"vn" in kinds else []
         if v:
             rows, places = [lines[i][1:] for i in v], [numbers[i] for i in v]
             self._vertices.append(table(places, rows, 3, "vertex"))
@@ -66,7 +67,7 @@ class _Reader:
             self._normal_of.append(
                 normals_of(rows, sizes, self._normal_count + np.searchsorted(n, f)) if self._normals else None
             )
-        if is_marked(heads):
+        if is_marked(kinds):
             self._marks += marks_of(heads, lines, f, self._face_count)
         self._vertex_count += len(v)
         self._normal_count += len(n)
@@ -119,8 +120,8 @@ def _numbered(numbers: Sequence[int], lines: list[bytes], joints: int) -> tuple[
     return (np.asarray(numbers) + before).tolist(), joints + int(counts[-1])
 
 
-def _heads(numbers: Sequence[int], lines: list[bytes]) -> tuple[list[bytes], list[bytes]]:
-    """The first two bytes of every line, and the lines without indents; raises where one can be no statement."""
+def _heads(numbers: Sequence[int], lines: list[bytes]) -> tuple[list[bytes], list[bytes], set[bytes]]:
+    """The first two bytes of every line, the lines without indents, and which beginnings there are; raises for others."""
     heads = [line[:2] for line in lines]
     kinds = set(heads)
     if any(head[:1].isspace() for head in kinds):
@@ -131,7 +132,7 @@ def _heads(numbers: Sequence[int], lines: list[bytes]) -> tuple[list[bytes], lis
     if wrong:
         bad = next(i for i, head in enumerate(heads) if head in wrong)
         raise BadFileError(f"line {numbers[bad]} begins with no OBJ statement: {shown(lines[bad].strip())}")
-    return heads, lines
+    return heads, lines, kinds
 
 
 def _without_slashes(row: bytes) -> bytes:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 
@@ -16,8 +18,8 @@ _HEADS = {b"o ", b"o\t", b"o", b"g ", b"g\t", b"g", b"s ", b"s\t", b"us", b"mt"}
 _COLOURED = 6  # numbers of a vertex with a colour
 
 
-def is_marked(heads: Sequence[bytes]) -> bool:
-    """Whether lines that begin so may hold statements on objects, groups or materials."""
+def is_marked(heads: Collection[bytes]) -> bool:
+    """Whether some of the lines that begin so may hold statements on objects, groups or materials."""
     return not _HEADS.isdisjoint(heads)
 
 
@@ -53,11 +55,14 @@ def libraries_of(marks: Sequence[tuple[int, bytes]], beside: Beside) -> dict[str
     out = {}
     for _, line in marks:
         if line.startswith(b"mtllib "):
-            name = line[7:].strip().decode("utf-8", "replace")
-            try:
-                out[name] = beside(name)
-            except BadFileError:
-                continue  # the surface does without
+            whole = line[7:].strip().decode("utf-8", "replace")
+            for name in (whole, *whole.split()):
+                if name in out or Path(name).name != name or not name.lower().endswith(".mtl"):
+                    continue
+                with suppress(BadFileError):  # the surface does without
+                    out[name] = beside(name)
+                    if name == whole:
+                        break
     return out
 
 

@@ -94,11 +94,12 @@ def _faces(corners: IntArray, offsets: IntArray, by_face: list[_Column], some: s
         those = np.flatnonzero(sizes == size)
         rows = np.empty(len(those), [("#", size_kind), ("@", "<i4", (size,)), *extra])
         rows["#"] = size
-        rows["@"] = corners[offsets[those][:, None] + np.arange(size)]
+        alike = len(those) == len(sizes)
+        rows["@"] = corners.reshape(-1, size) if alike else corners[offsets[those][:, None] + np.arange(size)]
         for name, _, values in by_face:
             rows[name] = values[some][those]
         flat = rows.view(np.uint8)
-        if len(those) == len(sizes):
+        if alike:
             return flat.data
         length = rows.dtype.itemsize
         out[(ends[those] - length)[:, None] + np.arange(length)] = flat.reshape(-1, length)

@@ -104,8 +104,8 @@ def read_source(path: str | Path) -> Source:
     """Read all that a file says of a surface; polygons and vertices are as in the file.
 
     The ending of its name says the format, or its first bytes where no format has that ending. Files whose name ends in .gz
-    are unpacked, and ``-`` stands for a PLY file on the standard input. Raises BadFileError where the file is no such mesh, InputError where its
-    contents are no triangle mesh or a package is needed to read it.
+    are unpacked, and ``-`` stands for a PLY file on the standard input. Raises BadFileError where the file is no such mesh,
+    InputError where its contents are no triangle mesh or a package is needed to read it.
     """
     path = Path(path)
     try:
@@ -142,8 +142,11 @@ def _parsed(path: Path, data: bytes) -> Source:
         raise BadFileError(f"{path}: not {what}: {problem}{looks}") from problem
     if isinstance(found, Source):
         return replace(found, name=bare.name)
-    mesh = Mesh(*found, bare.name)
-    return Source(mesh.vertices, mesh.faces.reshape(-1), name=mesh.name)
+    vertices, faces = found
+    for what, values in (("vertices", vertices), ("faces", faces)):
+        if values.ndim != 2 or values.shape[1] != 3:
+            raise BadFileError(f"{path}: its {what} have the shape {values.shape}, expected three columns")
+    return Source(vertices, faces.reshape(-1), name=bare.name)
 
 
 def _kind_of(path: Path, data: bytes | None) -> Format | None:

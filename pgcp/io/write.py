@@ -103,6 +103,10 @@ def _arrays_for(kind: Format, result: Parameterization, layout: Layout | None) -
     given = given_parts(result.origin, mesh.faces)
     if given is not None:
         arrays["given"] = given
+        if given.has_polygons:
+            arrays["polygon_of"] = given.polygon_of
+    if result.origin is not None and result.origin.component_of is not None:
+        arrays["component_of"] = result.origin.component_of
     if result.vertex_of is not None and result.face_of is not None:
         arrays |= {"vertex_of": result.vertex_of, "face_of": result.face_of}
     arrays |= {name: getattr(result, name) for name in _MEASURES if name in kind.carries and hasattr(result, name)}
@@ -215,6 +219,11 @@ def kind_of(path: Path) -> tuple[Format | None, bool]:
     return kind, packed
 
 
+def _is_other(path: Path, kind: Format, texture: bytes | None) -> bool:
+    """Whether a material file of the input would take the place of a file that was there before."""
+    return kind.beside is not None and texture is None and path.exists()
+
+
 def write_files(
     paths: Sequence[Path],
     result: Parameterization,
@@ -247,7 +256,7 @@ def write_files(
             else:
                 beside = _write(stream, kind, arrays, stem, texture)
             for name, data in beside.items():
-                if path.parent / name not in beside_of:
+                if path.parent / name not in beside_of and not _is_other(path.parent / name, kind, texture):
                     files.open(name).write(data)
             beside_of |= {path.parent / name for name in beside}
         for files in sets.values():

@@ -444,7 +444,7 @@ def test_the_registry_holds_together():
         assert all(suffix.startswith(".") and suffix == suffix.lower() for suffix in kind.suffixes)
         if kind.write is not None:
             assert set(kind.carries) <= {"vertices", "uv", "uv_faces", "sphere", "patch", "mu", "vertex_of", "face_of"} | {
-                "normals", "log_scale", "angle_error", "area_ratio", "given",
+                "normals", "log_scale", "angle_error", "area_ratio", "given", "polygon_of", "component_of",
             }  # fmt: skip
     assert [kind.name for kind in outputs(DEFAULT_OUTPUTS)] == list(DEFAULT_OUTPUTS)
 

@@ -427,7 +427,7 @@ def test_cut_files_with_any_line_end(end, tmp_path):
 
 
 def test_many_blocks_are_one_file(tmp_path, monkeypatch):
-    from pgcp.io import ply as ply_module
+    from pgcp.io import ply_lists as ply_module
     from pgcp.io import text
 
     mesh = lifted(grid(30))
