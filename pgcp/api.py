@@ -16,7 +16,8 @@ from pgcp.finish.side_by_side import beside_each_other
 from pgcp.intake.check import inspect, inspect_mended
 from pgcp.intake.given import ALL, LARGEST, Named, named_parts
 from pgcp.intake.pieces import Pieces
-from pgcp.io.read import read_mesh, read_source
+from pgcp.io.objects import of_object
+from pgcp.io.read import read_source
 from pgcp.methods.registry import METHODS
 from pgcp.options import AUTO, METHOD, REPAIRS, Options, Running, names_checked
 from pgcp.pipeline import map_surface
@@ -36,14 +37,9 @@ _WORTH_WORKERS = 200_000  # faces of a component that worker processes are start
 
 
 def as_mesh(source: Any) -> Mesh:
-    """Mesh from a Mesh, a path, or an object with ``vertices`` and ``faces`` (a trimesh.Trimesh)."""
-    if isinstance(source, Mesh):
-        return source
-    if isinstance(source, (str, Path)):
-        return read_mesh(source)
-    if hasattr(source, "vertices") and hasattr(source, "faces"):
-        return Mesh(np.asarray(source.vertices, np.float64), np.asarray(source.faces, np.int64))
-    raise InputError(f"expected a mesh, a path or a trimesh, not {type(source).__name__}")
+    """Mesh from a path or an object; polygons are cut into triangles. See ``as_source``."""
+    found = as_source(source)
+    return triangulated(found).mesh if isinstance(found, Source) else found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,8 +61,13 @@ def surface_of(source: Any) -> Surface:
 
 
 def as_source(source: Any) -> Mesh | Source:
-    """The same, or all that a file says where it is a path."""
-    return read_source(source) if isinstance(source, (str, Path)) else as_mesh(source)
+    """A Mesh as it is, all that the file of a path says, and what an object of another package holds (``io.objects``).
+
+    Raises InputError, saying what was given, for anything else.
+    """
+    if isinstance(source, (Mesh, Source)):
+        return source
+    return read_source(source) if isinstance(source, (str, Path)) else of_object(source)
 
 
 def check_mesh(mesh: Mesh, target: str = AUTO) -> Topology:
@@ -226,7 +227,7 @@ def parameterize(
 ) -> Result:
     """Map a simply connected surface conformally to the plane, the unit disk or the unit sphere (PGCP Algorithm 3).
 
-    source: a Mesh, a path, or a trimesh.Trimesh. progress(stage, done, total) is called when a stage begins, with total 0
+    source: a path, (vertices, faces), a Mesh, or a mesh of trimesh, pyvista, meshio, nibabel or open3d. progress(stage, done, total) is called when a stage begins, with total 0
     while its tasks are not counted, and as they finish; the logger ``pgcp`` hears of stages too. The other options are those
     of ``Options`` (what is computed) and ``Running`` (where and how).
 

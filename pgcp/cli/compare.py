@@ -20,11 +20,12 @@ def compared(arguments: argparse.Namespace, options: Options, running: Running, 
     """
     from pgcp.api import as_mesh, compare
     from pgcp.io.files import claimed, replacing_together
+    from pgcp.io.read import stem_of
     from pgcp.report.comparison import as_markdown, as_text, best_of, records
     from pgcp.surface.demo import demo_mesh
 
     mesh = demo_mesh() if arguments.mesh is None else as_mesh(arguments.mesh)
-    stem = "demo" if arguments.mesh is None else arguments.mesh.stem
+    stem = "demo" if arguments.mesh is None else stem_of(arguments.mesh)
     directory: Path = arguments.output_dir or (Path() if arguments.mesh is None else arguments.mesh.parent) / f"{stem}_pgcp"
     with claimed(directory):
         methods = None if arguments.compare == _ALL else arguments.compare

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import errno
 import json
-import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -14,30 +12,29 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from pgcp.cli.compare import compared
+from pgcp.cli.failures import failed, of_system, refused, stopped
 from pgcp.cli.parser import build_parser, options_of, outputs_of, running_of
 from pgcp.cli.progress import Silent, display, logged
+from pgcp.cli.several import SEVERITY, check_several, each_alone, several
 from pgcp.cli.summary import check_only, record, summary
-from pgcp.cli.terminal import BAD_INPUT, BUG, GOOD, NUMERICAL, STOPPED, STOPPED_BY, Signals, have_streams, say
+from pgcp.cli.terminal import BAD_INPUT, GOOD, NUMERICAL, Signals, have_streams, say
 from pgcp.cli.usage import SHORT_HELP, UsageError
-from pgcp.errors import InputError, NumericalError, PgcpError, SolveFailedError, StoppedError
+from pgcp.errors import InputError, PgcpError
 from pgcp.options import AUTO, Options, Running
 from pgcp.parallel import leave, processor_count
-from pgcp.runtime.address_space import NEEDS_MEMORY, check_address_space
+from pgcp.runtime.address_space import check_address_space
 from pgcp.runtime.compiled import cache_is_temporary, compile_all, compiled_together, drop_temporary_cache
+from pgcp.runtime.executors import shared_workers
 from pgcp.runtime.forks import collect_seldom, leave_nothing, prepare_forks
 from pgcp.runtime.versions import package_versions
 
 if TYPE_CHECKING:
     from pgcp.result import Result
 
-_STATUS = {InputError: BAD_INPUT, NumericalError: NUMERICAL, StoppedError: STOPPED}
 _NO_CACHE = (
     "no folder for compiled code can be written, neither beside the package nor in the home directory; what this run compiles "
     "is lost when it ends; NUMBA_CACHE_DIR may name a folder"
 )
-_SYSTEM = {
-    getattr(errno, name) for name in ("ENOSPC", "EFBIG", "EDQUOT", "EROFS", "EACCES", "EPERM", "EIO") if hasattr(errno, name)
-}
 
 
 def _run(arguments: argparse.Namespace, signals: Signals) -> int:
@@ -48,8 +45,10 @@ def _run(arguments: argparse.Namespace, signals: Signals) -> int:
             shown("start", 0, 0)
             check_address_space()
             options, running = options_of(arguments), running_of(arguments)
+            if len(arguments.meshes) > 1:
+                check_several(arguments)
             if arguments.check_only:
-                return _checked(arguments, shown)
+                return max((_checked(own, shown) for own in each_alone(arguments)), key=SEVERITY.index)
             if running.starts_workers:
                 prepare_forks()
             if arguments.compare is not None:
@@ -57,6 +56,11 @@ def _run(arguments: argparse.Namespace, signals: Signals) -> int:
             if cache_is_temporary() and not arguments.quiet:
                 print(f"pgcp-run: {_NO_CACHE}", file=sys.stderr)
             with compiled_together(_usual(arguments.target), processor_count() - 1, shown):
+                if len(arguments.meshes) > 1:
+                    from pgcp.patches.warm_up import warm_up
+
+                    with shared_workers(running, warm_up):
+                        return several(arguments, lambda own: _mapped(own, options, running, signals, shown), signals, shown)
                 result, directory, paths = _mapped(arguments, options, running, signals, shown)
         return _told(result, time.perf_counter() - started, directory, paths, arguments)
 
@@ -78,10 +82,11 @@ def _mapped(
     """The map of a mesh, the folder of the results, and the files written there."""
     from pgcp.api import compute
     from pgcp.io.files import claimed
+    from pgcp.io.read import stem_of
     from pgcp.report.texture import as_png
     from pgcp.surface.demo import demo_mesh
 
-    stem = "demo" if arguments.mesh is None else arguments.mesh.stem
+    stem = "demo" if arguments.mesh is None else stem_of(arguments.mesh)
     beside = Path() if arguments.mesh is None else arguments.mesh.parent
     directory: Path = arguments.output_dir or beside / f"{stem}_pgcp"
     if directory.exists() and not directory.is_dir():
@@ -97,7 +102,7 @@ def _mapped(
         try:
             paths = _written(result, directory / stem, kinds, texture, arguments, signals, shown)
         except OSError as problem:
-            raise InputError(f"{directory}: cannot write the results: {_of_system(problem)}") from problem
+            raise InputError(f"{directory}: cannot write the results: {of_system(problem)}") from problem
     return result, directory, paths
 
 
@@ -140,7 +145,7 @@ def _written(
     layout = result.layout(arguments.uv, arguments.up)
     paths = write_files(arguments.output, result, picture, signals.held(), layout, texture) if arguments.output else []
     if has_folder:
-        if arguments.write is None and arguments.mesh is not None:
+        if arguments.write is None and arguments.mesh is not None and arguments.mesh.exists():
             kinds = within(kinds, result, arguments.mesh.stat().st_size)
         usual = None if arguments.no_png else picture
         paths += write_outputs(place.parent, place.name, result, usual, signals.held(), kinds, layout, texture)
@@ -169,46 +174,6 @@ def _told(result: Result, seconds: float, directory: Path, paths: list[Path], ar
     return NUMERICAL
 
 
-def _refused(problem: Exception, status: int, as_json: bool) -> int:
-    if as_json:
-        say(json.dumps({"status": status, "error": type(problem).__name__, "message": str(problem)}))
-    print(f"pgcp-run: {problem}", file=sys.stderr)
-    return status
-
-
-def _of_system(problem: OSError) -> str:
-    """What the system says, and of which file."""
-    return f"{problem.filename}: {problem.strerror}" if problem.filename else str(problem)
-
-
-def _stopped(signals: Signals, as_json: bool, resume: bool) -> int:
-    status: int = 128 + getattr(signal, signals.name)
-    message = f"{STOPPED_BY[signals.name]}; nothing was written"
-    if resume:
-        message += "; what is finished is kept for --resume"
-    if as_json:
-        say(json.dumps({"status": status, "error": "KeyboardInterrupt", "message": message}))
-    print(f"pgcp-run: {message}", file=sys.stderr)
-    return status
-
-
-def _failed(problem: Exception, arguments: argparse.Namespace, signals: Signals) -> int:
-    """Say why a run ended; returns the exit status."""
-    for kind, status in _STATUS.items():
-        if isinstance(problem, kind):
-            return _refused(problem, status, arguments.json)
-    if signals.received:  # compiled code makes another exception of the interrupt
-        return _stopped(signals, arguments.json, arguments.resume)
-    if isinstance(problem, MemoryError) or (isinstance(problem, OSError) and problem.errno == errno.ENOMEM):
-        return _refused(SolveFailedError(f"memory ran out ({problem}); {NEEDS_MEMORY}"), NUMERICAL, arguments.json)
-    if isinstance(problem, OSError) and problem.errno in _SYSTEM:
-        return _refused(InputError(_of_system(problem)), BAD_INPUT, arguments.json)
-    if arguments.json:
-        say(json.dumps({"status": BUG, "error": type(problem).__name__, "message": str(problem)}))
-    print(f"pgcp-run: a bug: {type(problem).__name__}: {problem} (--debug shows where)", file=sys.stderr)
-    return BUG
-
-
 def _usual(target: str) -> str:
     """The usual run that comes nearest to one with a target."""
     return "free" if target == AUTO else target
@@ -224,7 +189,9 @@ def _warm_up(quiet: bool) -> None:
 
 def _asked(words: Sequence[str]) -> argparse.Namespace | None:
     """What a command line asks for, None where that has been said; raises UsageError where it cannot be understood."""
-    arguments = build_parser().parse_args(words)
+    arguments = build_parser().parse_intermixed_args(words)
+    arguments.meshes = arguments.mesh
+    arguments.mesh = arguments.meshes[0] if arguments.meshes else None
     if arguments.version:
         versions = package_versions()
         say(json.dumps(versions) if arguments.json else f"pgcp-run {versions.get('pgcp', '(not installed)')}")
@@ -246,18 +213,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         arguments = _asked(words)
     except PgcpError as problem:
-        return _refused(problem, BAD_INPUT if isinstance(problem, InputError) else NUMERICAL, "--json" in words)
+        return refused(problem, BAD_INPUT if isinstance(problem, InputError) else NUMERICAL, "--json" in words)
     if arguments is None:
         return GOOD
     with Signals() as signals:
         try:
             return _run(arguments, signals)
         except KeyboardInterrupt:
-            return _stopped(signals, arguments.json, arguments.resume)
+            return stopped(signals, arguments.json, arguments.resume)
         except Exception as problem:
             if arguments.debug and not signals.received:
                 raise
-            return _failed(problem, arguments, signals)
+            return failed(problem, arguments, signals)
 
 
 def run() -> NoReturn:

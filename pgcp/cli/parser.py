@@ -28,7 +28,11 @@ def build_parser() -> argparse.ArgumentParser:
         "or store, 1 a bug, 130 interrupted.",
     )
     files = suffixes_of(readable())
-    parser.add_argument("mesh", nargs="?", type=Path, help=f"file of a mesh ({files})")
+    parser.add_argument(
+        "mesh", nargs="*", type=Path,
+        help=f"file of a mesh ({files}, packed with .gz too, or a FreeSurfer surface of any name); - for PLY on the standard "
+        "input; several are mapped one after the other",
+    )  # fmt: skip
     parser.add_argument("--demo", action="store_true", help="map the built-in demo surface where no mesh is named")
     parser.add_argument("--warm-up", action="store_true", help="compile for this machine all that any run needs, then stop")
     parser.add_argument("--version", action="store_true", help="print the version; with --json, those of the packages used too")
@@ -193,11 +197,12 @@ def _distance(text: str) -> float | None:
         raise argparse.ArgumentTypeError(f"{text!r} is neither a number nor none") from None
 
 
-def _automatic_workers(mesh: Path | None) -> int:
-    """One worker a processor where the mesh is so large that they gain more time than they take to start."""
-    with suppress(OSError):
-        if mesh is not None and mesh.stat().st_size >= _LARGE_FILE:
-            return processor_count() if processor_count() > 1 else 0
+def _automatic_workers(meshes: list[Path]) -> int:
+    """One worker a processor where a mesh is so large that they gain more time than they take to start."""
+    for mesh in meshes:
+        with suppress(OSError):
+            if mesh.stat().st_size >= _LARGE_FILE:
+                return processor_count() if processor_count() > 1 else 0
     return 0
 
 
@@ -231,7 +236,7 @@ def _workers_of(arguments: argparse.Namespace) -> int:
     if arguments.workers is not None:
         return int(arguments.workers)
     elsewhere = arguments.scheduler is not None or arguments.scheduler_file is not None
-    return 0 if elsewhere or not may_have_workers(arguments.executor) else _automatic_workers(arguments.mesh)
+    return 0 if elsewhere or not may_have_workers(arguments.executor) else _automatic_workers(arguments.meshes)
 
 
 def options_of(arguments: argparse.Namespace) -> Options:

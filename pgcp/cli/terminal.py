@@ -73,6 +73,11 @@ class Signals(AbstractContextManager["Signals"]):
         self.name, self.received = signal.Signals(number).name, True
         raise KeyboardInterrupt
 
+    def listen(self) -> None:
+        """Take them as at the beginning again, for further work after results were written."""
+        if not self.received:
+            self._set(self._stop)
+
     @contextmanager
     def held(self) -> Iterator[None]:
         """Ignore them while results take the place of earlier ones; afterwards they end the process at once."""

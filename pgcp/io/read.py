@@ -100,6 +100,15 @@ def read_mesh(path: str | Path) -> Mesh:
     return triangulated(read_source(path)).mesh
 
 
+def stem_of(path: Path) -> str:
+    """The name of a mesh's file without the suffix that says its format, and without .gz; whole where no format has it."""
+    if str(path) == STANDARD_INPUT:
+        return "stdin"
+    name = path.name[: -len(_PACKED)] if path.suffix.lower() == _PACKED else path.name
+    ends = [suffix for kind in readable() for suffix in kind.suffixes if name.lower().endswith(suffix)]
+    return name[: -max(map(len, ends))] or name if ends else name
+
+
 def read_source(path: str | Path) -> Source:
     """Read all that a file says of a surface; polygons and vertices are as in the file.
 

@@ -5,7 +5,7 @@ Imports the rest of runtime and the ground. Doors: the names below; an executor 
 
 from pgcp.runtime.executors.base import Executor, ExecutorKind, Progress, silent, timed
 from pgcp.runtime.executors.cluster import Security, start_cluster
-from pgcp.runtime.executors.dask import DaskExecutor
+from pgcp.runtime.executors.dask import DaskExecutor, shared_workers
 from pgcp.runtime.executors.registry import EXECUTORS, make_executor, may_have_workers
 from pgcp.runtime.executors.threads import LocalExecutor
 from pgcp.runtime.executors.work import Join, Joining, JoinTree, Speculation, Tasks, ignore
@@ -26,6 +26,7 @@ __all__ = [
     "ignore",
     "make_executor",
     "may_have_workers",
+    "shared_workers",
     "silent",
     "start_cluster",
     "timed",

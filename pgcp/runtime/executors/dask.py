@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from pgcp.options import Running
 from pgcp.runtime.executors.base import Executor, ExecutorKind, Progress, Take, peak_bytes, silent
 from pgcp.runtime.executors.cluster import Security, at_scheduler, checked_client
 from pgcp.runtime.executors.connection import Connection, Given, Reached, Started, return_memory
+from pgcp.runtime.executors.registry import may_have_workers
 from pgcp.runtime.executors.submission import Done, Kind, Submission, Task
 from pgcp.runtime.executors.work import Joining, Speculation, Tasks
 from pgcp.runtime.run_directory import store_parent
@@ -44,10 +46,13 @@ class DaskExecutor(Executor):
     ) -> None:
         super().__init__(progress)
         self._connection: Connection
+        self._is_shared = False
         if client is not None:
             self._connection = Given(run, partial(checked_client, client), warm, store)
         elif scheduler is None and scheduler_file is None:
-            self._connection = Started(run, workers, warm)
+            shared = _SHARED.get()
+            self._is_shared = shared is not None and shared.workers_here == workers
+            self._connection = shared if shared is not None and self._is_shared else Started(run, workers, warm)
         else:
             self._connection = Reached(run, partial(at_scheduler, scheduler, scheduler_file, security), warm, store)
         self._submission = Submission(run, self._connection)
@@ -181,8 +186,8 @@ class DaskExecutor(Executor):
             self._connection.run(return_memory)
 
     def everywhere(self, function: Callable[[], None]) -> None:
-        """See Executor: in the workers of a running cluster. Workers started here end with this executor."""
-        if not self._connection.workers_here:
+        """See Executor: in workers that stay. Those started for this run end with this executor."""
+        if not self._connection.workers_here or self._is_shared:
             self._connection.run(function)
 
     def describe(self) -> dict[str, Any]:
@@ -194,7 +199,26 @@ class DaskExecutor(Executor):
         return max([peak_bytes(), *self._connection.run(peak_bytes)])
 
     def __exit__(self, *_: object) -> None:
-        self._connection.close()
+        if not self._is_shared:
+            self._connection.close()
+
+
+_SHARED: ContextVar[Started | None] = ContextVar("shared", default=None)
+
+
+@contextmanager
+def shared_workers(running: Running, warm: Callable[[], None]) -> Iterator[None]:
+    """Start worker processes once for all runs inside that ask for as many; nothing where none are asked for."""
+    if not running.starts_workers or not may_have_workers(running.executor):
+        yield
+        return
+    connection = Started("shared", running.workers, warm)
+    before = _SHARED.set(connection)
+    try:
+        yield
+    finally:
+        _SHARED.reset(before)
+        connection.close()
 
 
 def _make(running: Running, run: str, progress: Progress, warm: Callable[[], None]) -> Executor:
