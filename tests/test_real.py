@@ -148,7 +148,6 @@ REJECTED = {
     "face_count_short_ascii.ply": "not a readable PLY",
     "index_out_of_range.ply": "uses vertex 7",
     "index_out_of_range.obj": "uses vertex 8",
-    "quads.obj": "not triangles",
     "point_cloud.ply": "no face element",
     "collinear.ply": "zero area",
     "text_garbage.ply": "not a readable PLY",
@@ -159,6 +158,7 @@ ACCEPTED = [
     "relative_indices.obj", "single_triangle.ply", "fan_one_interior.ply", "big_endian.ply",
     "obj_with_uv_normals_and_comments.obj", "tetrahedron.ply", "cow_nonmanifold_real.off",
     "two_components.ply",
+    "quads.obj",
 ]  # fmt: skip
 
 
