@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pgcp.api import check_mesh, compare, compute, parameterize
     from pgcp.errors import (
         BadFileError,
+        BlurredError,
         CrowdedError,
         DegenerateError,
         FoldError,
@@ -42,6 +43,7 @@ find_cache()
 __version__ = "0.1.0"
 __all__ = [
     "BadFileError",
+    "BlurredError",
     "CrowdedError",
     "DegenerateError",
     "FoldError",

@@ -229,7 +229,8 @@ def parameterize(
 
     source: a path, (vertices, faces), a Mesh, or a mesh of trimesh, pyvista, meshio, nibabel or open3d.
     progress(stage, done, total) is called when a stage begins, with total 0 while its tasks are not counted, and as they
-    finish; the logger ``pgcp`` hears of stages too. The other options are those of ``Options`` (what is computed) and ``Running`` (where and how).
+    finish; the logger ``pgcp`` hears of stages too. The other options are those of ``Options`` (what is computed) and
+    ``Running`` (where and how).
 
     Raises InputError (and its kinds) for input that cannot be mapped, NumericalError where a step fails; FoldError,
     whose ``result`` holds the map, where the finished map has folded faces; StoppedError where workers, scheduler or store

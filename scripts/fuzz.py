@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import base64
+import io
 import json
 import struct
 import subprocess
@@ -19,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-FORMATS = ("ply", "obj", "stl", "off", "glb", "gltf", "cuts")
+FORMATS = ("ply", "obj", "stl", "off", "glb", "gltf", "npz", "sphere", "cuts")
 _LIMIT_MB = 1024
 _LONGEST_S = 5
 
@@ -68,6 +69,12 @@ def _gltf(points: np.ndarray, faces: np.ndarray, binary: bool) -> bytes:
     return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
 
 
+def _npz(**arrays: np.ndarray) -> bytes:
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)
+    return stream.getvalue()
+
+
 def seeds() -> dict[str, list[bytes]]:
     """Good small files by ending: a lifted grid of 4 x 4 vertices, 18 triangles, and for ``cuts`` a few of its edges."""
     i, j = (k.ravel() for k in np.meshgrid(np.arange(4), np.arange(4), indexing="ij"))
@@ -96,6 +103,13 @@ def seeds() -> dict[str, list[bytes]]:
         "off": [off.encode()],
         "glb": [_gltf(points, faces, True)],
         "gltf": [_gltf(points, faces, False)],
+        "npz": [_npz(vertices=points, faces=faces), _npz(v=points.astype("f4"), f=faces.astype("u1"))],
+        "sphere": [
+            b"\xff\xff\xfecreated\n\n"
+            + struct.pack(">ii", len(points), len(faces))
+            + points.astype(">f4").tobytes()
+            + faces.astype(">i4").tobytes()
+        ],
         "cuts": [b"# cut\n0 1\n1, 5\n5 9\n"],
     }
 

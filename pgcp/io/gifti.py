@@ -85,7 +85,7 @@ def read_surface(data: bytes, _beside: Beside) -> tuple[FloatArray, IntArray]:
 register(
     Format(
         name="surf.gii",
-        suffixes=(".surf.gii", ".gii"),
+        suffixes=(".surf.gii",),
         summary="GIFTI surface, read by nibabel; written as the map's image, a sphere with radius 100",
         read=read_surface,
         write=write_surface,
@@ -94,6 +94,16 @@ register(
         extra="brain",
         writes_alone=True,
         sphere_radius=100.0,
+    )
+)
+register(
+    Format(
+        name="gii",
+        suffixes=(".gii",),
+        summary="GIFTI file with a surface, read by nibabel",
+        read=read_surface,
+        needs=("nibabel",),
+        extra="brain",
     )
 )
 register(

@@ -67,7 +67,8 @@ def _read(data: bytes, kind: str) -> Any:
         else:
             reader.SetInputString(data)
         reader.Update()
-        said = " ".join(window.GetOutput().split())
+        heard = window.GetOutput()
+        said = " ".join((heard.decode("ascii", "replace") if isinstance(heard, bytes) else heard).split())
     finally:
         vtkOutputWindow.SetInstance(before)
     if "rror" in said:

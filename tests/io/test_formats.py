@@ -276,7 +276,7 @@ def test_what_is_written_is_read_by_ourselves_and_the_same_bytes_come_again(kind
         found, off = read_back(kind, (tmp_path / f"m{kind.suffixes[0].upper()}").read_bytes(), tmp_path)
         assert np.abs(found["vertices"] - result.mesh.vertices).max() <= off
         return
-    if kind.read is None:
+    if kind.read is None or "vertices" not in kind.carries:
         with pytest.raises(BadFileError, match=f"cannot write {kind.suffixes[0]}"):
             write_mesh(tmp_path / f"m{kind.suffixes[0]}", result.mesh)
         return
@@ -334,7 +334,7 @@ def test_small_and_large_numbers_survive_in_off(tmp_path):
 @pytest.mark.parametrize("kind", writable(), ids=lambda kind: kind.name)
 def test_equal_and_unused_vertices_are_written(kind, tmp_path):
     check(kind)
-    if kind.read is None or kind.name in ("stl", "dae"):
+    if kind.read is None or kind.name in ("stl", "dae", "npz"):
         return  # no vertices; corners only
     points = np.vstack([grid(2).vertices, grid(2).vertices[:2]])
     write_mesh(tmp_path / f"m{kind.suffixes[0]}", pgcp.Mesh(points, np.vstack([grid(2).faces[1:], [9, 10, 4]])))

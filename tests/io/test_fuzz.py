@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from trimesh_files import SEEDS, TEXTS, packed
+from trimesh_files import SEEDS, TEXTS, THROUGH_OTHERS, packed
 
 import pgcp.report.picture
 from pgcp.cli.main import main
@@ -27,7 +27,7 @@ SCRIPT = Path(__file__).resolve().parents[2] / "scripts" / "fuzz.py"
 _spec = importlib.util.spec_from_file_location("fuzz", SCRIPT)
 fuzz = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(fuzz)
-GOOD = fuzz.seeds() | {kind: [data] for kind, data in SEEDS.items()}
+GOOD = fuzz.seeds() | {kind: [data] for kind, data in (SEEDS | THROUGH_OTHERS).items()}
 READ = {kind.name: kind for kind in readable()}
 NUMBER = re.compile(rb"-?\d+(?:\.\d+)?")
 WORDS = [
@@ -93,7 +93,7 @@ def test_every_format_that_is_read_is_spoiled():
 
 @pytest.mark.parametrize("kind", GOOD)
 def test_spoiled_files_are_read_or_refused(kind, tmp_path):
-    if kind in SEEDS:
+    if kind in SEEDS | THROUGH_OTHERS:
         try:
             READ[kind].check_packages("testing")
         except InputError as problem:

@@ -83,3 +83,47 @@ def packed(files: dict[str, str | bytes]) -> bytes:
 
 
 SEEDS = {kind: packed(files) for kind, files in TEXTS.items()}
+
+
+def vtk_files() -> dict[str, bytes]:
+    """The same surface in the formats of VTK and in GIFTI, as text."""
+    count, rows = len(POINTS), " ".join(f"{a} {b} {c}" for a, b, c in FACES.tolist())
+    points = " ".join(map(str, POINTS.ravel().tolist()))
+    ends = " ".join(str(3 * k + 3) for k in range(len(FACES)))
+    cells = (
+        f'<DataArray type="Int64" Name="connectivity" format="ascii">{rows}</DataArray>'
+        f'<DataArray type="Int64" Name="offsets" format="ascii">{ends}</DataArray>'
+    )
+    place = (
+        f'<Points><DataArray type="Float64" Name="Points" NumberOfComponents="3" format="ascii">{points}</DataArray></Points>'
+    )
+    head = '<?xml version="1.0"?><VTKFile type="{0}" version="1.0" byte_order="LittleEndian" header_type="UInt64"><{0}>'
+    kinds = f'<DataArray type="UInt8" Name="types" format="ascii">{" ".join(["5"] * len(FACES))}</DataArray>'
+    legacy = f"# vtk DataFile Version 3.0\nm\nASCII\nDATASET POLYDATA\nPOINTS {count} double\n{points}\n"
+    legacy += f"POLYGONS {len(FACES)} {4 * len(FACES)}\n" + "".join(f"3 {a} {b} {c}\n" for a, b, c in FACES.tolist())
+    arrays = "".join(
+        f'<DataArray Intent="NIFTI_INTENT_{intent}" DataType="NIFTI_TYPE_{kind}" ArrayIndexingOrder="RowMajorOrder" '
+        f'Dimensionality="2" Dim0="{n}" Dim1="3" Encoding="ASCII" Endian="LittleEndian" ExternalFileName="" '
+        f'ExternalFileOffset=""><MetaData/><Data>{data}</Data></DataArray>'
+        for intent, kind, n, data in (("POINTSET", "FLOAT32", count, points), ("TRIANGLE", "INT32", len(FACES), rows))
+    )
+    gifti = '<?xml version="1.0" encoding="UTF-8"?><GIFTI Version="1.0" NumberOfDataArrays="2"><MetaData/><LabelTable/>'
+    gifti += f"{arrays}</GIFTI>"
+    return {
+        "vtk": legacy.encode(),
+        "vtp": (
+            head.format("PolyData")
+            + f'<Piece NumberOfPoints="{count}" NumberOfPolys="{len(FACES)}">{place}<Polys>{cells}</Polys>'
+            "</Piece></PolyData></VTKFile>"
+        ).encode(),
+        "vtu": (
+            head.format("UnstructuredGrid")
+            + f'<Piece NumberOfPoints="{count}" NumberOfCells="{len(FACES)}">{place}<Cells>{cells}{kinds}</Cells></Piece>'
+            "</UnstructuredGrid></VTKFile>"
+        ).encode(),
+        "gii": gifti.encode(),
+        "surf.gii": gifti.encode(),
+    }
+
+
+THROUGH_OTHERS = vtk_files()
