@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from pgcp.cli.compare import compared
-from pgcp.cli.parser import build_parser, options_of, outputs_of, running_of
+from pgcp.cli.parser import options_of, outputs_of, parse, running_of
 from pgcp.cli.progress import Silent, display, logged
 from pgcp.cli.summary import check_only, record, summary
 from pgcp.cli.terminal import BAD_INPUT, BUG, GOOD, NUMERICAL, STOPPED, STOPPED_BY, Signals, have_streams, say
@@ -224,7 +224,7 @@ def _warm_up(quiet: bool) -> None:
 
 def _asked(words: Sequence[str]) -> argparse.Namespace | None:
     """What a command line asks for, None where that has been said; raises UsageError where it cannot be understood."""
-    arguments = build_parser().parse_args(words)
+    arguments = parse(words)
     if arguments.version:
         versions = package_versions()
         say(json.dumps(versions) if arguments.json else f"pgcp-run {versions.get('pgcp', '(not installed)')}")
