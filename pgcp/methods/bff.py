@@ -12,7 +12,7 @@ import numpy as np
 
 from pgcp.errors import InputError
 from pgcp.interface.factor import InterfaceFactor
-from pgcp.interface.puncture import puncture_face
+from pgcp.interface.puncture import puncture_face, straightened
 from pgcp.interface.whole_mesh import eliminated
 from pgcp.methods.base import Method, OwnOption, whole
 from pgcp.methods.common.boundary_first import BoundaryFlattening, integrated_curvature
@@ -69,7 +69,7 @@ def _map_open(run: Run, parts: Parts) -> Mapped:
         curvature = integrated_curvature(mesh.vertices, mesh.faces, loop, used_vertices(mesh), run.mollification)
         kappa = factor.reduce(curvature.astype(np.complex128)).real
         flat = BoundaryFlattening(factor.schur, kappa, _edge_lengths(mesh, loop))
-        if run.target.name == "disk":
+        if run.target.name == _DISK:
             z = flat.on_circle()
         elif word == ANGLES:
             z = flat.with_turning(prescribed)
@@ -131,7 +131,9 @@ def _map_closed(run: Run, parts: Parts) -> Mapped:
         on_ring = _opened(run, factor, star).on_circle()
         z = factor.extend(np.append(on_ring, 0.0))
     with run.clock.stage("close"):
-        points = _on_sphere(mesh, z, star.pole)
+        beyond = used_vertices(mesh)
+        beyond[star.kept] = False
+        points = _on_sphere(mesh, straightened(mesh, z, beyond), star.pole)
     return _finished(run, parts, factor, star.kept, points)
 
 
