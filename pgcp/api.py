@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
@@ -18,8 +18,8 @@ from pgcp.intake.given import ALL, LARGEST, Named, named_parts
 from pgcp.intake.pieces import Pieces
 from pgcp.io.objects import of_object
 from pgcp.io.read import read_source
-from pgcp.methods.registry import METHODS
-from pgcp.options import AUTO, METHOD, REPAIRS, Options, Running, names_checked
+from pgcp.methods.registry import METHODS, check_own, only_own, own_options
+from pgcp.options import AUTO, METHOD, REPAIRS, Options, Running, check_names
 from pgcp.pipeline import map_surface
 from pgcp.polygons.triangulate import Triangles, triangulated
 from pgcp.report.comparison import Compared
@@ -177,12 +177,13 @@ def compare(
     if not pairs:
         named = ", ".join(methods or METHODS.names())
         raise InputError(f"of the methods {named}, none maps to the target {' or '.join(targets)}")
+    check_own(options, [method for _, method in pairs])
     rows = []
     for number, (target, method) in enumerate(pairs):
         progress("compare", number, len(pairs))
         started, result, problem = time.perf_counter(), None, ""
         try:
-            result = compute(mesh, replace(options, target=target, method=method.name), running, progress)
+            result = compute(mesh, replace(only_own(options, method), target=target, method=method.name), running, progress)
         except (InputError, NumericalError) as failure:
             problem = str(failure)
         rows.append(Compared(method.name, target, time.perf_counter() - started, result, problem))
@@ -190,7 +191,6 @@ def compare(
     return rows
 
 
-@names_checked
 def parameterize(
     source: Any,
     *,
@@ -224,22 +224,25 @@ def parameterize(
     tls_cert: str | Path | None = None,
     tls_key: str | Path | None = None,
     client: Any = None,
+    **own: Any,
 ) -> Result:
     """Map a simply connected surface conformally to the plane, the unit disk or the unit sphere (PGCP Algorithm 3).
 
     source: a path, (vertices, faces), a Mesh, or a mesh of trimesh, pyvista, meshio, nibabel or open3d.
     progress(stage, done, total) is called when a stage begins, with total 0 while its tasks are not counted, and as they
     finish; the logger ``pgcp`` hears of stages too. The other options are those of ``Options`` (what is computed) and
-    ``Running`` (where and how).
+    ``Running`` (where and how), and those that only the method has.
 
     Raises InputError (and its kinds) for input that cannot be mapped, NumericalError where a step fails; FoldError,
     whose ``result`` holds the map, where the finished map has folded faces; StoppedError where workers, scheduler or store
     are lost.
     """
+    if own:
+        check_names(own, [f.name for kind in (Options, Running) for f in fields(kind) if f.name != "own"] + [*own_options()])
     as_given = partial(cast, Any)  # options are made of the type they have where they are checked
     options = Options(
         patches, target, centre, moebius, as_given(cuts), repair_cuts, method, flatten, seams, backend, seed, repairs,
-        no_overlap, fix, polish, weld_distance, component,
+        no_overlap, fix, polish, weld_distance, component, own,
     )  # fmt: skip
     running = Running(
         workers, scheduler, as_given(scheduler_file), executor, as_given(store), factor_cache_bytes, memory_limit_bytes, resume,

@@ -6,8 +6,8 @@ import inspect
 import operator
 import os
 import types
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
 from functools import cache, wraps
 from pathlib import Path
@@ -39,13 +39,18 @@ def names_checked(function: Callable[Given, Made]) -> Callable[Given, Made]:
     @wraps(function)
     def checked(*values: Given.args, **named: Given.kwargs) -> Made:
         """See the function."""
-        for name in named:
-            if name not in known:
-                near = get_close_matches(name, known, 1, 0.6)
-                raise InputError(f"unknown option {name!r}{f'; did you mean {near[0]}?' if near else ''}")
+        check_names(named, known)
         return function(*values, **named)
 
     return checked
+
+
+def check_names(names: Iterable[str], known: Sequence[str]) -> None:
+    """Raise InputError for a name of an option that is not known, with the nearest that is."""
+    for name in names:
+        if name not in known:
+            near = get_close_matches(name, known, 1, 0.6)
+            raise InputError(f"unknown option {name!r}{f'; did you mean {near[0]}?' if near else ''}")
 
 
 def _options(kind: Kind) -> Kind:
@@ -88,6 +93,12 @@ def _texts(value: Any) -> tuple[str, ...]:
     return tuple(_text(one) for one in value)
 
 
+def _by_name(value: Any) -> dict[str, Any]:
+    if not isinstance(value, Mapping):
+        raise TypeError
+    return {_text(name): given for name, given in value.items()}
+
+
 # type of an option: what makes one of what was given, and what it is called
 _TYPES: dict[Any, tuple[Callable[[Any], Any], str]] = {
     int: (_whole, "a whole number"),
@@ -96,6 +107,7 @@ _TYPES: dict[Any, tuple[Callable[[Any], Any], str]] = {
     str: (_text, "text"),
     Path: (_path, "a path"),
     tuple: (_texts, "several names"),
+    Mapping: (_by_name, "values by name"),
 }
 
 
@@ -140,6 +152,7 @@ class Options:
     polish: none, angles, or auto for where it is quick and the map is not asked for as it is;
     weld_distance: how far apart vertices may be that are split by attributes only and are joined for the map, as a share of
     the diagonal of all, None to join none; component: which of several is mapped: the largest, a name, a number, or all.
+    own: options that only the method has, by name.
     """
 
     patches: int | None = None
@@ -159,6 +172,7 @@ class Options:
     polish: str = "none"
     weld_distance: float | None = 0.0
     component: str = "largest"
+    own: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         _check_types(self)
@@ -249,6 +263,7 @@ def _one_of(what: str, value: str, known: tuple[str, ...]) -> None:
 
 
 def plain_options(options: Options | Running) -> dict[str, Any]:
-    """Options as plain data, paths and clients as text."""
-    values = {f.name: getattr(options, f.name) for f in fields(options)}
+    """Options as plain data, paths and clients as text, those of a method's own among the others."""
+    values = {f.name: getattr(options, f.name) for f in fields(options) if f.name != "own"}
+    values |= options.own if isinstance(options, Options) else {}
     return {name: v if v is None or isinstance(v, (bool, int, float, str, tuple)) else str(v) for name, v in values.items()}

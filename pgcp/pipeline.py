@@ -73,7 +73,7 @@ def map_surface(
             quality = _measured(taken.mesh, outcome.done.target, coordinates, mu)
         where = {
             "versions": dict(package_versions()),
-            "options": {**plain_options(asked), **plain_options(running)},
+            "options": {**plain_options(replace(asked, own=options.own)), **plain_options(running)},
             "backend": backend,
             "threads": description["threads_per_worker"],
             "executor": description,

@@ -19,6 +19,7 @@ WRONG = {
     "float": ["x", True, [1]],
     "bool": ["yes", 1, 0.0],
     "Path": [3, 1.5, [Path("a")]],
+    "Mapping[str,": [3, "x", ["a"], {3: 4}],
 }
 EVERY = [(kind, field) for kind in (Options, Running) for field in fields(kind) if field.name != "client"]  # see test_probe
 
@@ -35,6 +36,8 @@ def test_an_option_of_another_type_is_named(kind, field):
     for value in wrong_values(field):
         with pytest.raises(InputError, match=f"^{field.name} is .*, it must be "):
             kind(**{field.name: value})
+        if field.name == "own":  # its items are keywords
+            continue
         with pytest.raises(InputError, match=f"^{field.name} is .*, it must be "):
             pgcp.parameterize("nowhere.ply", **{field.name: value})
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from pgcp.cli.compare import compared
 from pgcp.cli.failures import failed, of_system, refused, stopped
-from pgcp.cli.parser import build_parser, options_of, outputs_of, running_of
+from pgcp.cli.parser import options_of, outputs_of, parse, running_of
 from pgcp.cli.progress import Silent, display, logged
 from pgcp.cli.several import SEVERITY, check_several, each_alone, several
 from pgcp.cli.summary import check_only, record, summary
@@ -189,7 +189,7 @@ def _warm_up(quiet: bool) -> None:
 
 def _asked(words: Sequence[str]) -> argparse.Namespace | None:
     """What a command line asks for, None where that has been said; raises UsageError where it cannot be understood."""
-    arguments = build_parser().parse_intermixed_args(words)
+    arguments = parse(words)
     arguments.meshes = arguments.mesh
     arguments.mesh = arguments.meshes[0] if arguments.meshes else None
     if arguments.version:

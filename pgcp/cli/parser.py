@@ -4,23 +4,65 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from pgcp.cli.usage import Parser
 from pgcp.errors import InputError
 from pgcp.io.formats import DEFAULT_OUTPUTS, outputs, readable, suffixes_of, writable
-from pgcp.methods.registry import METHODS
+from pgcp.methods.registry import METHODS, own_options
 from pgcp.options import AUTO, BACKENDS, FLATTENERS, METHOD, MOEBIUS, POLISHES, REPAIRS, SEAMS, UPS, UVS, Options, Running
 from pgcp.parallel import processor_count
 from pgcp.runtime.executors import EXECUTORS, may_have_workers
 from pgcp.targets.registry import TARGETS
 
+if TYPE_CHECKING:
+    from pgcp.methods.base import Method, OwnOption
+
 _LARGE_FILE = 20_000_000
+_OWN = "own:"
+
+
+def parse(words: Sequence[str]) -> argparse.Namespace:
+    """Parse a command line; methods are imported only where it may name an option of their own, or ask for help."""
+    parser = _common_parser()
+    asked = {word.partition("=")[0] for word in words if word.startswith("--")} - {"--"}
+    if not asked - {*parser._option_string_actions} and not asked & {"--help"} and "-h" not in words:
+        return parser.parse_intermixed_args(words)
+    return build_parser().parse_intermixed_args(words)
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """Build the command line's parser."""
+    """Build the command line's parser, with the options that methods have of their own."""
+    parser = _common_parser()
+    if found := own_options():
+        _own_options(parser.add_argument_group("Options of single methods", "what only some methods ask for"), found)
+    return parser
+
+
+def _own_options(group: argparse._ArgumentGroup, found: dict[str, list[tuple[Method, OwnOption]]]) -> None:
+    for name, having in found.items():
+        own = having[0][1]
+        same = all(other.choices == own.choices for _, other in having)
+        group.add_argument(
+            f"--{name.replace('_', '-')}",
+            dest=f"{_OWN}{name}",
+            metavar=own.metavar or (None if own.choices and same else name.upper()),
+            choices=own.choices if same and own.choices else None,
+            help="; ".join(f"{method.name}: {other.help} (default {other.default})" for method, other in having),
+        )
+
+
+def _own_of(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Options of methods' own that a command line names."""
+    given = ((name.removeprefix(_OWN), value) for name, value in vars(arguments).items() if name.startswith(_OWN))
+    return {name: value for name, value in given if value is not None}
+
+
+def _common_parser() -> Parser:
+    """Build the parser of what the command itself asks for."""
     parser = Parser(
         prog="pgcp-run",
         description="Map a triangle mesh conformally to the plane, the disk or the sphere, patch by patch and in parallel.",
@@ -259,6 +301,7 @@ def options_of(arguments: argparse.Namespace) -> Options:
         fix=arguments.fix,
         weld_distance=arguments.weld_distance,
         component=arguments.component,
+        own=_own_of(arguments),
     )
 
 

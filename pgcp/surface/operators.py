@@ -161,6 +161,12 @@ def cotangent_laplacian(vertices: FloatArray, faces: IntArray, mollification: fl
     return edge_laplacian(tails, heads, _weights(vertices, faces, mollification), len(vertices))
 
 
+def weighted_laplacian(faces: IntArray, weights: FloatArray, vertex_count: int) -> csr_array:
+    """Laplacian (n, n) of faces (F, 3) whose corners add weights (F, 3) of their own to the edges opposite."""
+    tails, heads = faces[:, [1, 2, 0]].reshape(-1), faces[:, [2, 0, 1]].reshape(-1)
+    return edge_laplacian(tails, heads, weights.reshape(-1), vertex_count)
+
+
 def triangle_laplacian(corners: ComplexArray, faces: IntArray, vertex_count: int) -> csr_array:
     """Cotangent Laplacian (n, n) of faces (F, 3) that each have the shape of a planar triangle of their own, corners (F, 3)."""
     flat = corners.reshape(-1)

@@ -66,7 +66,7 @@ def test_its_targets_are_held(toy):
 def test_without_it_the_method_is_unknown(capsys):
     assert main(["mesh.ply", "--method", "by-length"]) == 2
     assert "invalid choice: 'by-length'" in capsys.readouterr().err
-    with pytest.raises(pgcp.InputError, match="unknown method 'by-length'; choose from ccem, cdcp"):
+    with pytest.raises(pgcp.InputError, match=r"unknown method 'by-length'; choose from .*ccem, cdcp"):
         pgcp.parameterize(grid(3), method="by-length")
 
 
