@@ -3,7 +3,8 @@
 North-pole step: the disk goes to the half-plane with a boundary edge of little distortion at infinity; the fifth of the
 vertices nearest to it is held, all else is harmonic, its boundary sliding along the real line. South-pole steps, up to five:
 the mirror image at 1 / conj(z) of what lies nearest the centre is held, all else of the double cover is harmonic, and the
-boundary goes radially to the circle. The paper composes with quasi-conformal maps whose coefficients are those of the
+boundary goes radially to the circle. The iterate of least mean |mu| is kept; on rough surfaces later ones wander about it, and
+the authors' code ends with the last. The paper composes with quasi-conformal maps whose coefficients are those of the
 inverse; their generalized Laplacian is the cotangent Laplacian of the surface itself. For the mirror image the authors' code
 takes a mean of coefficients; the double cover's own Laplacian needs none.
 """
@@ -35,7 +36,7 @@ def angles_by_length(corners: FloatArray) -> FloatArray:
 
 
 def coefficients_of_inverse(mesh: Mesh, z: ComplexArray) -> ComplexArray:
-    """Beltrami coefficient (F,) of the map from the plane, z (V,), to each face, in the plane's own coordinate; 0 for no area."""
+    """Beltrami coefficient (F,), in the plane's coordinate, of the map from z (V,) to each face; 0 where there is no area."""
     corners, image = mesh.vertices[mesh.faces], z[mesh.faces]
     one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     length = np.linalg.norm(one, axis=1)
@@ -48,7 +49,7 @@ def coefficients_of_inverse(mesh: Mesh, z: ComplexArray) -> ComplexArray:
 
 
 def least_bent_edge(mesh: Mesh, loop: IntArray, z: ComplexArray) -> int:
-    """Place in the loop (n_B,) of the boundary edge, from its tail, with least distortion: |mu| of mean coefficients at its ends."""
+    """Place in the loop (n_B,) of the tail of the boundary edge with least |mu|, of mean coefficients at its two ends."""
     mu = np.repeat(coefficients_of_inverse(mesh, z), 3)
     flat, n = mesh.faces.reshape(-1), len(z)
     faces_at = np.maximum(np.bincount(flat, minlength=n), 1)
@@ -121,16 +122,18 @@ def _map(run: Run, parts: Parts) -> Mapped:
     with run.clock.stage("map"):
         z = plain.extend(on_circle(angles_by_length(mesh.vertices[loop])))
     record = plain.release()
-    z = _checked(_north(run, parts, z))
-    bent = _bent(run, z)
-    steps, before = [bent], 0.0
-    while abs(bent - before) > TOLERANCE and len(steps) <= ITERATIONS:
+    z = best = _checked(_north(run, parts, z))
+    bent = [_bent(run, z)]
+    change = np.inf
+    while change > TOLERANCE and len(bent) <= ITERATIONS:
         z, record = _south(run, parts, z)
-        before, bent = bent, _bent(run, _checked(z))
-        steps.append(bent)
-    z[loop] /= np.abs(z[loop])
-    iterations = [{"method": "fdcp", "iteration": k, "mean_mu": value} for k, value in enumerate(steps)]
-    return as_mapped(run, parts, z, loop, record, iterations=iterations, converged=abs(bent - before) <= TOLERANCE)
+        bent.append(_bent(run, _checked(z)))
+        change = abs(bent[-1] - bent[-2])
+        if bent[-1] == min(bent):
+            best = z
+    best[loop] /= np.abs(best[loop])
+    iterations = [{"method": "fdcp", "iteration": k, "mean_mu": value} for k, value in enumerate(bent)]
+    return as_mapped(run, parts, best, loop, record, iterations=iterations, converged=bool(change <= TOLERANCE))
 
 
 def _checked(z: ComplexArray) -> ComplexArray:

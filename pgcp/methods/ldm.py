@@ -12,6 +12,7 @@ import numpy as np
 
 from pgcp.errors import SolveFailedError
 from pgcp.methods.base import Method, whole
+from pgcp.methods.common.boundary_energy import goes_round_once
 from pgcp.methods.common.kept import KeptDisk, as_mapped, first_of
 from pgcp.methods.flash import balanced, most_regular_face, similar_triangle
 from pgcp.patches.mapped import Mapped
@@ -53,18 +54,29 @@ def on_the_circle(w: ComplexArray) -> ComplexArray:
     """Points (n_B,) of the unit circle for a boundary w (n_B,), counter-clockwise around its inside, close to some circle.
 
     Three of its points on the sphere, the first, the farthest from that, and one between them, go by a Moebius map to a planar
-    triangle congruent to theirs. The boundary is lifted to the sphere, its mean height taken off, and projected to the plane.
+    triangle congruent to theirs. The boundary is lifted to the sphere, its mean height taken off, projected to the plane, and
+    seen from the middle of its extent. Where the order is lost so, as with few points, but is kept from the centre of the
+    circle through the three, it is seen from there. Raises SolveFailedError where the boundary does not lie around the centre.
     """
     points = to_sphere(w)
     n = len(w)
     far = int(first_of(-np.linalg.norm(points - points[0], axis=1), 1)[0])
     between = far // 2 if far > 1 else (far + n) // 2
-    corners = points[[0, far, between]]
-    width = float(np.linalg.norm(corners[1] - corners[0]))
-    wanted = width * (similar_triangle(corners) - 0.5)
+    three = np.array([0, far, between])
+    width = float(np.linalg.norm(points[far] - points[0]))
+    if not width > 0.0:
+        raise SolveFailedError("LDM led to a boundary in one point")
+    wanted = width * (similar_triangle(points[three]) - 0.5)
     # similar_triangle goes round anticlockwise; the boundary does, from the first by the one between to the farthest
     wanted = wanted.conj() if between < far else wanted
-    return _centred(_moebius(w, w[[0, far, between]], wanted))
+    z = _levelled(_moebius(w, w[three], wanted))
+    middle = 0.5 * complex(z.real.min() + z.real.max(), z.imag.min() + z.imag.max())
+    if not goes_round_once(z - middle) and goes_round_once(z - _circumcentre(z[three])):
+        middle = _circumcentre(z[three])
+    size = np.abs(z - middle)
+    if not (np.isfinite(size).all() and (size > 0.0).all()):
+        raise SolveFailedError("LDM led to a boundary that is not around the centre of the disk")
+    return (z - middle) / size
 
 
 def _moebius(w: ComplexArray, given: ComplexArray, wanted: ComplexArray) -> ComplexArray:
@@ -76,17 +88,19 @@ def _moebius(w: ComplexArray, given: ComplexArray, wanted: ComplexArray) -> Comp
     return out
 
 
-def _centred(q: ComplexArray) -> ComplexArray:
-    """A boundary q (n_B,) close to a circle around 0, on the unit circle: seen from the middle of its extent."""
+def _levelled(q: ComplexArray) -> ComplexArray:
+    """A boundary q (n_B,) on the sphere, moved along the axis to the mean height 0, and back in the plane."""
     square = np.abs(q) ** 2
     height = (square - 1.0) / (square + 1.0)
-    z = 2.0 * q / (1.0 + square) / (1.0 - (height - height.mean()))
-    z = z * (2.0 / np.ptp(z.real))
-    z = z - complex(z.real.min() + 1.0, z.imag.min() + 1.0)
-    size = np.abs(z)
-    if not (np.isfinite(z).all() and (size > 0.0).all()):
-        raise SolveFailedError("LDM led to a boundary that is not around the centre of the disk")
-    return z / size
+    z: ComplexArray = 2.0 * q / (1.0 + square) / (1.0 - (height - height.mean()))
+    return z
+
+
+def _circumcentre(three: ComplexArray) -> complex:
+    """Centre of the circle through three points."""
+    one, other = three[1] - three[0], three[2] - three[0]
+    across = one.conjugate() * other - one * other.conjugate()
+    return complex(three[0] + one * other * (one - other).conjugate() / across) if across != 0.0 else complex(three.mean())
 
 
 def _map(run: Run, parts: Parts) -> Mapped:

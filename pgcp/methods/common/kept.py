@@ -99,7 +99,7 @@ class KeptDisk:
 def as_mapped(
     run: Run, parts: Parts, points: Positions, held: IntArray, interface: dict[str, object], **details: object
 ) -> Mapped:
-    """A finished map (V,) of the undivided mesh, with what the report says: which vertices were held, the interface, details."""
+    """A finished map (V,) of the undivided mesh; what the report says: held vertices (n,), the interface, details."""
     mu = map_coefficients(run.target.space, run.mesh, run.mesh.faces, points)
     untouched = [SolveReport(patch.index, 0, 0, 0, 0.0) for patch in parts.patches]
     solved = seen_on_the_final_map(run, parts, untouched, points, mu)
