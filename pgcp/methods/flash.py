@@ -11,25 +11,15 @@ from __future__ import annotations
 import numpy as np
 
 from pgcp.errors import SolveFailedError
-from pgcp.interface.whole_mesh import eliminated
 from pgcp.methods.base import Method, whole
-from pgcp.methods.common.kept import as_mapped, first_of, rim_of
+from pgcp.methods.common.kept import as_mapped, first_of, harmonic_with, most_regular_face, rim_of
 from pgcp.patches.mapped import Mapped
 from pgcp.patches.run import Run
 from pgcp.patches.stored import Parts
 from pgcp.surface.topology import used_vertices
-from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh
+from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 HELD = 10  # one vertex in so many is held in the south-pole step
-
-
-def most_regular_face(mesh: Mesh) -> int:
-    """The face whose edges are nearest to a third of its perimeter each: the least sum of |length / perimeter - 1/3|."""
-    corners = mesh.vertices[mesh.faces]
-    lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-    perimeter = lengths.sum(axis=1)
-    share = lengths / np.where(perimeter > 0.0, perimeter, 1.0)[:, None]
-    return int(np.abs(share - 1.0 / 3.0).sum(axis=1).argmin())
 
 
 def similar_triangle(corners: FloatArray) -> ComplexArray:
@@ -80,16 +70,6 @@ def _map(run: Run, parts: Parts) -> Mapped:
     if not np.isfinite(points[used]).all():
         raise SolveFailedError("FLASH led to positions that are not finite")
     return as_mapped(run, parts, points, rim, record)
-
-
-def harmonic_with(run: Run, parts: Parts, kept: IntArray, values: ComplexArray) -> tuple[ComplexArray, dict[str, object]]:
-    """The harmonic function (V,) with given values (n,) at some vertices, and what the report says of its elimination."""
-    factor = eliminated(run, parts, kept)
-    with run.clock.stage("map"):
-        out = factor.extend(values)
-    record = factor.record()
-    factor.release()
-    return out, record
 
 
 METHOD = Method(

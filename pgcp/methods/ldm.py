@@ -13,8 +13,8 @@ import numpy as np
 from pgcp.errors import SolveFailedError
 from pgcp.methods.base import Method, whole
 from pgcp.methods.common.boundary_energy import goes_round_once
-from pgcp.methods.common.kept import KeptDisk, as_mapped, first_of
-from pgcp.methods.flash import balanced, most_regular_face, similar_triangle
+from pgcp.methods.common.kept import KeptDisk, as_mapped, first_of, most_regular_face
+from pgcp.methods.flash import balanced, similar_triangle
 from pgcp.patches.mapped import Mapped
 from pgcp.patches.run import Run
 from pgcp.patches.stored import Parts

@@ -7,7 +7,8 @@ from meshes import icosphere
 from oracles import moebius_distance
 
 import pgcp
-from pgcp.methods.flash import most_regular_face, similar_triangle
+from pgcp.methods.common.kept import most_regular_face
+from pgcp.methods.flash import similar_triangle
 from pgcp.plane.space import SPHERE, find_folds
 from pgcp.types import Mesh
 

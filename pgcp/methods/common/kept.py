@@ -16,7 +16,7 @@ from pgcp.patches.run import Run
 from pgcp.patches.stored import Parts
 from pgcp.patches.types import SeamPositions, SolveReport
 from pgcp.plane.space import map_coefficients
-from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Positions
+from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, Positions
 
 _DIGITS = 2.0**-26
 
@@ -37,6 +37,25 @@ def rim_of(held: BoolArray, faces: IntArray) -> IntArray:
     mixed = faces[held[faces].any(axis=1) & ~held[faces].all(axis=1)]
     rim = np.unique(mixed)
     return rim[held[rim]]
+
+
+def most_regular_face(mesh: Mesh) -> int:
+    """The face whose edges are nearest to a third of its perimeter each: the least sum of |length / perimeter - 1/3|."""
+    corners = mesh.vertices[mesh.faces]
+    lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+    perimeter = lengths.sum(axis=1)
+    share = lengths / np.where(perimeter > 0.0, perimeter, 1.0)[:, None]
+    return int(np.abs(share - 1.0 / 3.0).sum(axis=1).argmin())
+
+
+def harmonic_with(run: Run, parts: Parts, kept: IntArray, values: ComplexArray) -> tuple[ComplexArray, dict[str, object]]:
+    """The harmonic function (V,) with given values (n,) at some vertices, and what the report says of its elimination."""
+    factor = eliminated(run, parts, kept)
+    with run.clock.stage("map"):
+        out = factor.extend(values)
+    record = factor.record()
+    factor.release()
+    return out, record
 
 
 def harmonic(matrix: FloatArray, held: BoolArray, values: ComplexArray) -> ComplexArray:
