@@ -25,6 +25,10 @@ from pgcp.methods.common.boundary_energy import (
     on_circle,
 )
 from pgcp.methods.common.disk import Disk, DiskMap, map_disk, of_energy
+from pgcp.methods.common.sphere_energy import map_by_caps
+from pgcp.patches.mapped import Mapped
+from pgcp.patches.run import Run
+from pgcp.patches.stored import Parts
 from pgcp.types import FloatArray
 
 ITERATIONS = 20
@@ -84,12 +88,16 @@ def _map(disk: Disk) -> DiskMap:
     return of_energy(cem_map(disk.factor, disk.boundary_block(), disk.start_angles()))
 
 
+def _map_either(run: Run, parts: Parts) -> Mapped:
+    return map_by_caps(run, parts) if run.is_closed else map_disk(run, parts, _map)
+
+
 METHOD = Method(
     name="cem",
-    targets=("disk",),
-    summary="conformal energy minimised by a fixed-point iteration on the boundary, up to 20 steps",
-    guarantees="boundary in order; no descent promised",
+    targets=("disk", "sphere"),
+    summary="conformal energy minimised by a fixed-point iteration on the boundary, or on two caps of the sphere",
+    guarantees="disk: boundary in order, no descent promised; sphere: energy falls in every step",
     reference="Yueh, Lin, Wu, Yau 2017",
-    mapper=whole(lambda run, parts: map_disk(run, parts, _map)),
+    mapper=whole(_map_either),
     moebius="none",
 )

@@ -11,26 +11,15 @@ from __future__ import annotations
 import numpy as np
 
 from pgcp.errors import SolveFailedError
-from pgcp.interface.whole_mesh import eliminated, seen_on_the_final_map
 from pgcp.methods.base import Method, whole
+from pgcp.methods.common.kept import as_mapped, first_of, harmonic_with, most_regular_face, rim_of
 from pgcp.patches.mapped import Mapped
 from pgcp.patches.run import Run
 from pgcp.patches.stored import Parts
-from pgcp.patches.types import SeamPositions, SolveReport
-from pgcp.plane.space import map_coefficients
 from pgcp.surface.topology import used_vertices
-from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh
+from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 HELD = 10  # one vertex in so many is held in the south-pole step
-
-
-def most_regular_face(mesh: Mesh) -> int:
-    """The face whose edges are nearest to a third of its perimeter each: the least sum of |length / perimeter - 1/3|."""
-    corners = mesh.vertices[mesh.faces]
-    lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-    perimeter = lengths.sum(axis=1)
-    share = lengths / np.where(perimeter > 0.0, perimeter, 1.0)[:, None]
-    return int(np.abs(share - 1.0 / 3.0).sum(axis=1).argmin())
 
 
 def similar_triangle(corners: FloatArray) -> ComplexArray:
@@ -60,48 +49,27 @@ def held_in_the_south(z: ComplexArray, used: BoolArray) -> BoolArray:
     distance = np.where(used, np.abs(z), np.inf)
     count = max(int(used.sum()) // HELD, 3)
     held = np.zeros(len(z), bool)
-    held[np.argsort(distance, kind="stable")[:count]] = True
+    held[first_of(distance, count)] = True
     return held
-
-
-def rim_of(held: BoolArray, faces: IntArray) -> IntArray:
-    """Held vertices (n,), ascending, with a neighbour that is not: they separate the others from the rest of the held."""
-    mixed = faces[held[faces].any(axis=1) & ~held[faces].all(axis=1)]
-    rim = np.unique(mixed)
-    return rim[held[rim]]
 
 
 def _map(run: Run, parts: Parts) -> Mapped:
     mesh = run.mesh
     pole = most_regular_face(mesh)
     used = used_vertices(mesh)
-    z = _harmonic(run, parts, mesh.faces[pole], similar_triangle(mesh.vertices[mesh.faces[pole]]))[0]
+    z = harmonic_with(run, parts, mesh.faces[pole], similar_triangle(mesh.vertices[mesh.faces[pole]]))[0]
     z = balanced(z - z[used].mean(), mesh.faces, pole)
     held = held_in_the_south(z, used)
     rim = rim_of(held, mesh.faces)
     from_south = np.zeros_like(z)
     from_south[held] = z[held] / np.maximum(np.abs(z[held]), np.finfo(float).tiny) ** 2
-    w, record, solved = _harmonic(run, parts, rim, from_south[rim])
+    w, record = harmonic_with(run, parts, rim, from_south[rim])
     w[held] = from_south[held]
     square = np.abs(w) ** 2
     points = np.column_stack([2.0 * w.real, 2.0 * w.imag, 1.0 - square]) / (1.0 + square)[:, None]
     if not np.isfinite(points[used]).all():
         raise SolveFailedError("FLASH led to positions that are not finite")
-    mu = map_coefficients(run.target.space, mesh, mesh.faces, points)
-    solved = seen_on_the_final_map(run, parts, solved, points, mu)
-    return Mapped(parts, run.target, points, mu, SeamPositions(rim, points[rim]), solved, details={"interface": record})
-
-
-def _harmonic(
-    run: Run, parts: Parts, kept: IntArray, values: ComplexArray
-) -> tuple[ComplexArray, dict[str, object], list[SolveReport]]:
-    """The harmonic function (V,) with given values (n,) at some vertices, what the report says of it, and of each patch."""
-    factor = eliminated(run, parts, kept)
-    with run.clock.stage("map"):
-        out = factor.extend(values)
-    record = factor.record()
-    factor.release()
-    return out, record, [SolveReport(patch.index, 0, 0, 0, 0.0) for patch in parts.patches]
+    return as_mapped(run, parts, points, rim, record)
 
 
 METHOD = Method(

@@ -223,17 +223,20 @@ def _histogram(result: Parameterization) -> Image.Image:
 
 
 def _descent(iterations: list[dict[str, Any]]) -> Image.Image:
-    """Conformal energy, and the norm of its gradient, by iteration."""
-    energies = [float(step["energy"]) for step in iterations]
-    norms = [float(step["gradient_norm"]) for step in iterations]
+    """Conformal energy or else mean |mu| by iteration, and the norm of the energy's gradient where that is known."""
+    key, name = ("energy", "conformal energy") if "energy" in iterations[0] else ("mean_mu", "mean |mu|")
+    values = [float(step[key]) for step in iterations]
+    norms = [float(step["gradient_norm"]) for step in iterations if "gradient_norm" in step]
+    panel = _panel(f"{name} (blue) {values[-1]:.6g}" + (", gradient's norm (red)" if norms else ""))
+    below, left = linear_axis(0.0, max(len(values) - 1.0, 1.0)), linear_axis(min(values), max(values))
     least = min((norm for norm in norms if norm > _TINY), default=1.0)
     norms = [max(norm, least) for norm in norms]
-    panel = _panel(f"conformal energy (blue) {energies[-1]:.6g}, gradient's norm (red)")
-    below, left = linear_axis(0.0, max(len(energies) - 1.0, 1.0)), linear_axis(min(energies), max(energies))
-    chart = Chart(panel, _ROOM, below, left, log_axis(least, max(norms)))
+    right = log_axis(least, max(norms)) if norms else None
+    chart = Chart(panel, _ROOM, below, left, right)
     chart.write("iteration")
-    chart.line(list(enumerate(norms)), RED, chart.right)
-    chart.line(list(enumerate(energies)), BLUE, dots=6)
+    if right is not None:
+        chart.line(list(enumerate(norms)), RED, right)
+    chart.line(list(enumerate(values)), BLUE, dots=6)
     chart.frame()
     return panel
 

@@ -7,7 +7,8 @@ from meshes import icosphere
 from oracles import moebius_distance
 
 import pgcp
-from pgcp.methods.flash import most_regular_face, rim_of, similar_triangle
+from pgcp.methods.common.kept import most_regular_face
+from pgcp.methods.flash import similar_triangle
 from pgcp.plane.space import SPHERE, find_folds
 from pgcp.types import Mesh
 
@@ -20,11 +21,6 @@ def test_similar_triangle_keeps_angles():
 def test_most_regular_face_is_the_equilateral_one():
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 3**0.5 / 2, 0], [3, 3, 0]])
     assert most_regular_face(Mesh(vertices, np.array([[1, 3, 2], [0, 1, 2]]))) == 1
-
-
-def test_rim_separates_held_from_free():
-    faces = np.array([[0, 1, 2], [1, 3, 2], [2, 3, 4]])
-    assert rim_of(np.array([True, True, True, False, False]), faces).tolist() == [1, 2]
 
 
 def test_sphere_comes_back_up_to_moebius_and_cuts_do_not_matter():

@@ -10,14 +10,13 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from pgcp.interface.factor import InterfaceFactor
-from pgcp.interface.whole_mesh import eliminated, seen_on_the_final_map
+from pgcp.interface.whole_mesh import eliminated
 from pgcp.methods.common.boundary_energy import EnergyMap, plain_steps
 from pgcp.methods.common.double_cover import central_face, harmonic_boundary, late_heat, start_angles
+from pgcp.methods.common.kept import as_mapped
 from pgcp.patches.mapped import Mapped
 from pgcp.patches.run import Run
 from pgcp.patches.stored import Parts
-from pgcp.patches.types import SeamPositions, SolveReport
-from pgcp.plane.space import map_coefficients
 from pgcp.surface.operators import cotangent_laplacian
 from pgcp.surface.topology import used_vertices
 from pgcp.types import ComplexArray, FloatArray, IntArray
@@ -78,8 +77,4 @@ def map_disk(run: Run, parts: Parts, find: Callable[[Disk], DiskMap]) -> Mapped:
         found = find(Disk(run, loop, factor, centre))
     record = factor.record()
     factor.release()
-    mu = map_coefficients(run.target.space, mesh, mesh.faces, found.z)
-    untouched = [SolveReport(patch.index, 0, 0, 0, 0.0) for patch in parts.patches]
-    solved = seen_on_the_final_map(run, parts, untouched, found.z, mu)
-    details = {"interface": record, **found.details}
-    return Mapped(parts, run.target, found.z, mu, SeamPositions(loop, found.z[loop]), solved, details=details)
+    return as_mapped(run, parts, found.z, loop, record, **found.details)
