@@ -106,7 +106,7 @@ def test_sources_may_be_paths_and_trimeshes(hills, tmp_path):
     loose = trimesh.Trimesh(hills.vertices, hills.faces, process=False)
     results = [pgcp.parameterize(source, patches=3).coordinates for source in (hills, path, str(path), loose)]
     assert all(np.array_equal(results[0], other) for other in results[1:])
-    with pytest.raises(errors.InputError, match="expected a mesh"):
+    with pytest.raises(errors.InputError, match="expected a path"):
         pgcp.parameterize(42)
 
 

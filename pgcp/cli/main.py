@@ -190,7 +190,6 @@ def _warm_up(quiet: bool) -> None:
 def _asked(words: Sequence[str]) -> argparse.Namespace | None:
     """What a command line asks for, None where that has been said; raises UsageError where it cannot be understood."""
     arguments = parse(words)
-    arguments.meshes = arguments.mesh
     arguments.mesh = arguments.meshes[0] if arguments.meshes else None
     if arguments.version:
         versions = package_versions()

@@ -71,7 +71,7 @@ def _common_parser() -> Parser:
     )
     files = suffixes_of(readable())
     parser.add_argument(
-        "mesh", nargs="*", type=Path,
+        "meshes", metavar="mesh", nargs="*", type=Path,
         help=f"file of a mesh ({files}, packed with .gz too, or a FreeSurfer surface of any name); - for PLY on the standard "
         "input; several are mapped one after the other",
     )  # fmt: skip

@@ -31,7 +31,7 @@ from pgcp.retry.finished import (
     surroundings,
     target_of,
 )
-from pgcp.retry.intrinsic import may_help, solved_intrinsically
+from pgcp.retry.intrinsic import NOISY_DEG, may_help, solved_intrinsically
 from pgcp.retry.polar import final_error, free_of, may_be_solved_in_logarithms, mean_error, solved_in_logarithms
 from pgcp.targets.registry import TARGETS
 from pgcp.types import ComplexArray, IntArray
@@ -133,8 +133,10 @@ def _best(run: Run, method: Method) -> tuple[Finished, tuple[Tried, ...]]:
             spare = other if best is not None or other.folds == 0 else None
             if span > _BEYOND_WELDS:
                 break
-        if len(history) == 1 and (other := _intrinsically(run, method, splits, 0.0)) is not None and other.folds == 0:
-            return other, _told(history)
+        if len(history) == 1 and (best is not None or history[0].crowded or history[0].blurred):
+            other = _intrinsically(run, method, splits, NOISY_DEG)
+            if other is not None and other.folds == 0:
+                return other, _told(history)
     if spare is not None:
         best = min(best or spare, spare, key=_by_folds)
     splits.discard()

@@ -16,8 +16,9 @@ from pgcp.retry.finished import EMBED, Finished, finish, surroundings
 from pgcp.surface.intrinsic import intrinsic_delaunay, share_not_delaunay
 
 LARGE_DEG = 3.0  # mean angle error from which on a map is compared with this one
-_MANY = 0.15  # share of edges with negative weights from which on all maps are
-_FEW = 0.005  # share of such edges up to which it would be the same map
+NOISY_DEG = 1.0  # the same where many edges have negative weights
+_MANY = 0.15  # share of such edges that is many
+_FEW = 0.005  # share up to which it would be the same map
 _MOST_VERTICES = 200_000  # one process holds the whole mesh's factor
 _REPAIRS = ("average", "untangle")
 
@@ -28,7 +29,7 @@ def may_help(run: Run, method: Method, error: float) -> bool:
     It is where another map may take that one's place, one process can solve it, and many edges have negative weights.
     """
     wanted = run.options.seams == "weld" and EMBED in run.options.repairs and method.to_target is not None
-    if not wanted or len(run.mesh.vertices) > _MOST_VERTICES:
+    if not wanted or error < NOISY_DEG or len(run.mesh.vertices) > _MOST_VERTICES:
         return False
     share = share_not_delaunay(run.mesh, run.topology.twins, run.mollification)
     return share > (_FEW if error >= LARGE_DEG else _MANY)

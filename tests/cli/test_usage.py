@@ -68,7 +68,7 @@ def test_the_examples_of_the_short_help_are_understood(capsys):
 
     examples = [line.split("  ")[1].split()[1:] for line in SHORT_HELP.splitlines() if line.startswith("  pgcp-run")]
     for words in examples:
-        assert build_parser().parse_args(words).mesh.name == words[0]
+        assert [str(mesh) for mesh in build_parser().parse_intermixed_args(words).meshes] == words[:1]
 
 
 def test_the_version_is_told_alone_or_with_those_of_packages(capsys):
