@@ -74,6 +74,7 @@ def map_surface(mesh_of: Callable[[], Mesh], asked: Options, running: Running, p
             "executor": description,
             "stages": clock.stages,
             "tasks": executor.taken,
+            "timeline": clock.timeline(executor),
         }
         return _result(taken, outcome, coordinates, mu, quality, where)
 

@@ -8,7 +8,7 @@ import json
 import signal
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -129,23 +129,44 @@ def _written(
 ) -> list[Path]:
     """Draw and write what is asked for; ``place`` is the folder and the stem of the usual results. Returns the files."""
     from pgcp.io.write import within, write_files, write_outputs
-    from pgcp.report.picture import draw
 
-    has_folder = _has_folder(arguments)
-    with_picture = (has_folder and not arguments.no_png) or any(path.suffix.lower() == ".png" for path in arguments.output)
-    shown("draw", 0, 0)
-    picture = draw(result) if with_picture else None
-    shown("draw", 1, 1)
+    drawn = _drawn(result, arguments, shown)
     shown("write", 0, 0)
     layout = result.layout(arguments.uv, arguments.up)
-    paths = write_files(arguments.output, result, picture, signals.held(), layout, texture) if arguments.output else []
-    if has_folder:
+    paths = write_files(arguments.output, result, drawn, signals.held(), layout, texture) if arguments.output else []
+    if _has_folder(arguments):
         if arguments.write is None and arguments.mesh is not None:
             kinds = within(kinds, result, arguments.mesh.stat().st_size)
-        usual = None if arguments.no_png else picture
+        usual = {suffix: data for suffix, data in drawn.items() if suffix in _usual_drawings(result, arguments)}
         paths += write_outputs(place.parent, place.name, result, usual, signals.held(), kinds, layout, texture)
     shown("write", 1, 1)
     return paths
+
+
+def _usual_drawings(result: Result, arguments: argparse.Namespace) -> set[str]:
+    """Suffixes of what is drawn into the folder of the usual results."""
+    from pgcp.report.page import MOST_VERTICES
+
+    left_out = {suffix for suffix, out in ((".png", arguments.no_png), (".html", arguments.no_html)) if out}
+    if len(result.mesh.vertices) > MOST_VERTICES:
+        left_out.add(".html")
+    return {".png", ".html"} - left_out
+
+
+def _drawn(result: Result, arguments: argparse.Namespace, shown: Silent) -> dict[str, bytes]:
+    """The picture and the page, those that are wanted, by suffix."""
+    from pgcp.report.page import page
+    from pgcp.report.picture import draw
+
+    wanted = {path.suffix.lower() for path in arguments.output}
+    if _has_folder(arguments):
+        wanted |= _usual_drawings(result, arguments)
+    command = "pgcp-run", *arguments.words
+    makers: dict[str, Callable[[], bytes]] = {".png": lambda: draw(result), ".html": lambda: page(result, command)}
+    shown("draw", 0, 0)
+    drawn = {suffix: make() for suffix, make in makers.items() if suffix in wanted}
+    shown("draw", 1, 1)
+    return drawn
 
 
 def _told(result: Result, seconds: float, directory: Path, paths: list[Path], arguments: argparse.Namespace) -> int:
@@ -225,6 +246,7 @@ def _warm_up(quiet: bool) -> None:
 def _asked(words: Sequence[str]) -> argparse.Namespace | None:
     """What a command line asks for, None where that has been said; raises UsageError where it cannot be understood."""
     arguments = build_parser().parse_args(words)
+    arguments.words = tuple(words)
     if arguments.version:
         versions = package_versions()
         say(json.dumps(versions) if arguments.json else f"pgcp-run {versions.get('pgcp', '(not installed)')}")

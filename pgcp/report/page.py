@@ -22,6 +22,7 @@ from pgcp.targets.registry import TARGETS
 from pgcp.types import Parameterization
 
 _MODES = (("checker", "Checkerboard"), ("angle", "Angle error"), ("area", "Area"), ("patch", "Patches"), ("plain", "Plain"))
+MOST_VERTICES = 2_000_000  # of meshes whose page is made without being asked for
 _HINT = "Drag turns the surface, the wheel zooms, a double click resets. Point at a face to see it in both."
 _WIDTH, _BASE, _HEIGHT, _LEFT = 520.0, 220.0, 265.0, 14.0
 
@@ -66,7 +67,7 @@ def _said(result: Parameterization) -> dict[str, Any]:
     stages = report.get("stages", [])
     seconds = f" in {sum(stage['seconds'] for stage in stages):.1f} s" if stages else ""
     options, versions = report.get("options", {}), report.get("versions", {})
-    method = f" by {options['method']}" if "method" in options else ""
+    method = f", by the method {options['method']}" if "method" in options else ""
     place = re.split("[:;]", target.summary)[0]
     sizes = f"{len(result.mesh.vertices):,} vertices and {len(result.mesh.faces):,} faces"
     figures = [

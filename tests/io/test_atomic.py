@@ -46,7 +46,7 @@ def marked():
 def one(k):
     uv = np.full((n * n, 2), float(k))
     result = Parameterization(mesh, uv, faces[:, 0], faces[:, 0] * 1j, quality, "free", {"k": k})
-    write.write_outputs(folder / "out", "m", result, b"png %d" % k, marked())
+    write.write_outputs(folder / "out", "m", result, {".png": b"png %d" % k}, marked())
 
 if len(sys.argv) > 2:
     one(int(sys.argv[2]))

@@ -29,12 +29,14 @@ class Executor(AbstractContextManager["Executor"], ABC):
     """Runs tasks. A subclass says how, in ``run_tasks``, ``run_joins`` and ``describe``; ``compute`` does one task here.
 
     ``progress(stage, done, total)`` is called when a stage begins and after each of its tasks. ``taken`` holds for each stage
-    how many tasks it had and their seconds, added up, where they ran. ``joining`` is the present tree, if there is one.
+    how many tasks it had and their seconds, added up, where they ran; ``worked`` every task: its stage, its worker's number, 0
+    for this process, when it began by ``time.perf_counter`` here, and its seconds. ``joining`` is the present tree, if any.
     """
 
     def __init__(self, progress: Progress = silent) -> None:
         self._progress = progress
         self.taken: dict[str, dict[str, float]] = {}
+        self.worked: list[tuple[str, int, float, float]] = []
         self.joining: Joining | None = None
 
     def map(self, tasks: Tasks[Item, Result], each: Callable[[Result], None] = ignore) -> list[Result]:
@@ -122,8 +124,12 @@ class Executor(AbstractContextManager["Executor"], ABC):
         with threadpool_limits(1):
             return self.counted(stage, *timed(function, item))
 
-    def counted(self, stage: str, seconds: float, result: Result | MemoryError) -> Result:
-        """Count a task of a stage, and its seconds. Returns its result; raises SolveFailedError for a MemoryError."""
+    def counted(self, stage: str, seconds: float, result: Result | MemoryError, worker: int = 0) -> Result:
+        """Count a task of a stage that has just ended, and its seconds. Returns its result.
+
+        Raises SolveFailedError for a MemoryError.
+        """
+        self.worked.append((stage, worker, time.perf_counter() - seconds, seconds))
         record = self.taken.setdefault(stage, {"count": 0, "seconds": 0.0})
         record["count"] += 1
         record["seconds"] = round(record["seconds"] + seconds, 4)

@@ -45,12 +45,13 @@ class Task:
 
 
 class Done(NamedTuple):
-    """A task that is done, its seconds and its result; or the error that it raised."""
+    """A task that is done, its seconds, its result and the address of its worker; or the error that it raised."""
 
     task: Task
     seconds: float
     result: Any
     problem: Exception | None
+    address: str = ""
 
 
 class Submission:
@@ -112,7 +113,7 @@ class Submission:
             future.release()  # else dask does the task again when the worker that holds its result is lost
             self._connection.has_worked(address)
             self._note_cache(task, address, result)
-            yield Done(task, seconds, result, None)
+            yield Done(task, seconds, result, None, address)
 
     def _submit_again(self, task: Task, stage: str, problem: Exception) -> None:
         self._connection.await_workers(stage, problem)
