@@ -14,14 +14,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from pgcp.cli.compare import compared
-from pgcp.cli.parser import build_parser, options_of, outputs_of, running_of
+from pgcp.cli.parser import PAGE_VERTICES, build_parser, options_of, outputs_of, running_of
 from pgcp.cli.progress import Silent, display, logged
 from pgcp.cli.summary import check_only, record, summary
 from pgcp.cli.terminal import BAD_INPUT, BUG, GOOD, NUMERICAL, STOPPED, STOPPED_BY, Signals, have_streams, say
 from pgcp.cli.usage import SHORT_HELP, UsageError
 from pgcp.errors import InputError, NumericalError, PgcpError, SolveFailedError, StoppedError
 from pgcp.options import AUTO, Options, Running
-from pgcp.parallel import leave, processor_count
+from pgcp.parallel import at_once, leave, processor_count
 from pgcp.runtime.address_space import NEEDS_MEMORY, check_address_space
 from pgcp.runtime.compiled import cache_is_temporary, compile_all, compiled_together, drop_temporary_cache
 from pgcp.runtime.forks import collect_seldom, leave_nothing, prepare_forks
@@ -145,12 +145,8 @@ def _written(
 
 def _usual_drawings(result: Result, arguments: argparse.Namespace) -> set[str]:
     """Suffixes of what is drawn into the folder of the usual results."""
-    from pgcp.report.page import MOST_VERTICES
-
-    left_out = {suffix for suffix, out in ((".png", arguments.no_png), (".html", arguments.no_html)) if out}
-    if len(result.mesh.vertices) > MOST_VERTICES:
-        left_out.add(".html")
-    return {".png", ".html"} - left_out
+    with_page = len(result.mesh.vertices) <= PAGE_VERTICES if arguments.html is None else arguments.html
+    return {suffix for suffix, wanted in ((".png", not arguments.no_png), (".html", with_page)) if wanted}
 
 
 def _drawn(result: Result, arguments: argparse.Namespace, shown: Silent) -> dict[str, bytes]:
@@ -164,7 +160,8 @@ def _drawn(result: Result, arguments: argparse.Namespace, shown: Silent) -> dict
     command = "pgcp-run", *arguments.words
     makers: dict[str, Callable[[], bytes]] = {".png": lambda: draw(result), ".html": lambda: page(result, command)}
     shown("draw", 0, 0)
-    drawn = {suffix: make() for suffix, make in makers.items() if suffix in wanted}
+    suffixes = [suffix for suffix in makers if suffix in wanted]
+    drawn = dict(zip(suffixes, at_once(*(makers[suffix] for suffix in suffixes)), strict=True))
     shown("draw", 1, 1)
     return drawn
 

@@ -134,8 +134,9 @@ def write_outputs(
     """Write a map in formats of these names, drawings and report.json into a directory made as needed; returns the paths.
 
     Coordinates that would be folded in 32-bit floats are written as doubles where the format can hold them. drawn: contents of
-    files by suffix, those of ``DRAWN`` that are wanted. What an earlier run wrote of these files and this one does not is removed; of
-    formats that are not written by default those that its report names. The report is the last path and names all files.
+    files by suffix, those of ``DRAWN`` that are wanted. What an earlier run wrote of these files and this one does not is
+    removed; of formats that are not written by default those that its report names. The report is the last path and names all
+    files.
     layout: texture coordinates, the map's own where there is none; texture: a PNG, for formats that have textures.
 
     All are written and on the disk before the first takes the place of an earlier one, inside ``switching``; a failure
@@ -208,7 +209,8 @@ def write_files(
 ) -> list[Path]:
     """Write a map into files whose names say what they are; returns their paths, and those of files that belong to them.
 
-    Names that end in .gz are packed. drawn: contents by suffix for names that end so. All are written before the first takes the place of an earlier one, inside ``switching``.
+    Names that end in .gz are packed. drawn: contents by suffix for names that end so. All are written before the first takes
+    the place of an earlier one, inside ``switching``.
     Raises BadFileError where a name says no format.
     """
     sets: dict[Path, FileSet] = {}

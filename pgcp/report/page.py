@@ -13,6 +13,7 @@ from typing import Any
 import jinja2
 import numpy as np
 
+from pgcp.options import Options, Running, plain_options
 from pgcp.report.chart import linear_axis
 from pgcp.report.picture import COLD_WARM, DARK, HEAT, LIGHT, angle_histogram
 from pgcp.report.scene import MOST_FACES, Packed, packed, scene_of
@@ -22,7 +23,6 @@ from pgcp.targets.registry import TARGETS
 from pgcp.types import Parameterization
 
 _MODES = (("checker", "Checkerboard"), ("angle", "Angle error"), ("area", "Area"), ("patch", "Patches"), ("plain", "Plain"))
-MOST_VERTICES = 2_000_000  # of meshes whose page is made without being asked for
 _HINT = "Drag turns the surface, the wheel zooms, a double click resets. Point at a face to see it in both."
 _WIDTH, _BASE, _HEIGHT, _LEFT = 520.0, 220.0, 265.0, 14.0
 
@@ -47,7 +47,7 @@ def page(result: Parameterization, command: tuple[str, ...] = (), most: int = MO
         "histogram": _histogram(result),
         "timeline": timeline(result.report),
         "words": course(result),
-        "command": shlex.join(_printable(word) for word in command),
+        "command": shlex.join(_printable(word) for word in command) or _call(result),
         "scene": Packed({**shown.head, **look}, shown.text),
     }
     loader = jinja2.PackageLoader("pgcp.report", "templates")
@@ -58,6 +58,18 @@ def page(result: Parameterization, command: tuple[str, ...] = (), most: int = MO
 def _printable(text: str) -> str:
     """Text of a file name, which may hold bytes that are no text, as it can stand in a page."""
     return text.encode("utf-8", "replace").decode()
+
+
+def _call(result: Parameterization) -> str:
+    """The call from Python that makes such a map, with the options that are not the usual ones."""
+    asked, usual = result.report.get("options", {}), {**plain_options(Options()), **plain_options(Running())}
+    named = [f"{name}={value!r}" for name, value in asked.items() if not _is_usual(value, usual.get(name))]
+    return _printable(f"pgcp.parameterize({', '.join([repr(result.mesh.name), *named])})")
+
+
+def _is_usual(value: Any, usual: Any) -> bool:
+    """Whether an option has its usual value; a saved result has lists where there were tuples."""
+    return bool(value == (list(usual) if isinstance(value, list) and usual else usual))
 
 
 def _said(result: Parameterization) -> dict[str, Any]:

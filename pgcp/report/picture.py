@@ -49,7 +49,7 @@ def _sample(faces: IntArray, most: int) -> tuple[IntArray, int]:
 def _corners(points: FloatArray, faces: IntArray) -> FloatArray:
     """The corners of faces, one after another (3 F, 2 or 3), in units of their extent."""
     corners = points[faces.reshape(-1)]
-    corners /= max(float(np.ptp(corners, axis=0).max()), _TINY)
+    corners /= max(*(float(np.ptp(column)) for column in corners.T), _TINY)
     return corners
 
 

@@ -44,15 +44,16 @@ class Scene:
 def scene_of(result: Parameterization, most: int = MOST_FACES) -> Scene:
     """The surface and its map with at most so many faces: as they are, or with vertices that are close together as one."""
     mesh, image = result.mesh, result.coordinates
-    ids, faces = np.arange(len(mesh.faces)), mesh.faces
-    points = mesh.vertices
+    points, faces = mesh.vertices, mesh.faces
+    ids: IntArray = np.arange(len(faces))
     if len(faces) > most:
         points, image, faces, ids = _clustered(result, most)
-    used, first, place = np.unique(faces, return_index=True, return_inverse=True)
-    order = np.argsort(first)  # in the order in which faces name them, which packs well
-    number = np.empty(len(used), np.int32)
-    number[order] = np.arange(len(used), dtype=np.int32)
-    return Scene(points[used[order]], image[used[order]], number[place].reshape(-1, 3), ids)
+    first = np.full(len(points), faces.size)
+    first[faces.reshape(-1)[::-1]] = np.arange(faces.size)[::-1]  # the last one written counts: the first use of each
+    used = np.argsort(first, kind="stable")[: int((first < faces.size).sum())]  # in the order of faces, which packs well
+    number = np.zeros(len(points), np.int32)
+    number[used] = np.arange(len(used), dtype=np.int32)
+    return Scene(points[used], image[used], number[faces], ids)
 
 
 def _clustered(result: Parameterization, most: int) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
@@ -62,7 +63,8 @@ def _clustered(result: Parameterization, most: int) -> tuple[FloatArray, FloatAr
     opposite sides stay apart, so that the two sides of a thin fold do.
     """
     mesh, faces = result.mesh, result.mesh.faces
-    low, extent = mesh.vertices.min(axis=0), max(float(np.ptp(mesh.vertices, axis=0).max()), _TINY)
+    low = np.array([column.min() for column in mesh.vertices.T])
+    extent = max(*(float(np.ptp(column)) for column in mesh.vertices.T), _TINY)
     shapes = vertex_shapes(mesh.vertices, faces, result.coordinates, (extent, 1.0))
     sides = (np.abs(shapes[:, :3]).argmax(axis=1) * 2).astype(np.int64)
     sides += np.take_along_axis(shapes[:, :3], (sides // 2)[:, None], axis=1)[:, 0] > 0.0
@@ -71,8 +73,7 @@ def _clustered(result: Parameterization, most: int) -> tuple[FloatArray, FloatAr
         patch[corner] = result.patch
     apart = patch * 6 + sides
     unit = (mesh.vertices - low) / extent
-    area = sum(in_slices(lambda begin, end: float(face_areas(mesh.vertices, faces[begin:end]).sum()), len(faces)))
-    side = max(np.sqrt(_CELLS_A_FACE * area / most) / extent, 1e-6)
+    side = max(np.sqrt(_CELLS_A_FACE * _area(mesh.vertices, faces) / most) / extent, 1e-6)
     for _ in range(_TRIES):
         across = int(1.0 / side) + 1
         cells = (unit / side).astype(np.int64)
@@ -90,6 +91,11 @@ def _clustered(result: Parameterization, most: int) -> tuple[FloatArray, FloatAr
     if TARGETS.get(result.target).space.closed:
         image /= np.maximum(np.linalg.norm(image, axis=1, keepdims=True), _TINY)
     return points, image, fewer, ids
+
+
+def _area(points: FloatArray, faces: IntArray) -> float:
+    """Area of a surface."""
+    return sum(in_slices(lambda begin, end: float(face_areas(points, faces[begin:end]).sum()), len(faces)))
 
 
 def _means(values: FloatArray, place: IntArray, count: IntArray) -> FloatArray:
@@ -127,9 +133,10 @@ def packed(result: Parameterization, scene: Scene) -> Packed:
     image, map_box = _in_steps(scene.image, _FINER)
     errors, halves = _figures(result, scene.face_ids)
     largest = max(float(errors.max(initial=0.0)), 1e-12)
-    unit = 1.0 if closed else max(float(np.ptp(scene.image, axis=0).max()), _TINY)
-    extent = max(float(np.linalg.norm(np.ptp(scene.points, axis=0))), _TINY)
+    unit = 1.0 if closed else map_box["step"] * _FINER
+    extent = surface_box["step"] * _FINE
     scales = vertex_shapes(scene.points, scene.faces, scene.image, (extent, unit))[:, 3] + np.log2(unit / _SQUARES)
+    scales += 0.0 if closed else np.rint(np.median(scales)) - np.median(scales)  # squares of one size where most are
     arrays = {
         "points": _Coded(points),
         "image": _Coded(image),
@@ -159,7 +166,7 @@ def packed(result: Parameterization, scene: Scene) -> Packed:
         "upright": 0.0 if closed else upright_angle(Mesh(scene.points, scene.faces), scene.image)[0],
         "palette": np.rint(patch_colours(result.report.get("patches", []), count) * 255).astype(int).tolist(),
     }
-    data = zlib.compress(b"".join(array.planes() for array in arrays.values()), 6)
+    data = zlib.compress(b"".join(array.planes() for array in arrays.values()), 4)
     return Packed(head, base64.b64encode(data).decode())
 
 
@@ -180,8 +187,8 @@ class _Coded:
 
 def _in_steps(values: FloatArray, steps: int) -> tuple[np.ndarray, dict[str, Any]]:
     """Coordinates in whole steps of their box, and what leads back: value = low + step * number."""
-    low = values.min(axis=0)
-    step = max(float(np.ptp(values, axis=0).max()), _TINY) / steps
+    low = np.array([column.min() for column in values.T])  # columns: quicker than rows of three
+    step = max(*(float(np.ptp(column)) for column in values.T), _TINY) / steps
     return np.rint((values - low) / step), {"low": low.tolist(), "step": step}
 
 
@@ -193,7 +200,7 @@ def _new_or_old(faces: IntArray) -> IntArray:
 
 
 def _edges(faces: IntArray, patch: IntArray) -> np.ndarray:
-    """Of every face a number (m,) whose bits say what its edges 01, 12, 20 are: 1, 2, 4 seams, 8, 16, 32 ends of the surface."""
+    """Numbers (m,) whose bits say what the edges 01, 12, 20 of faces are: 1, 2, 4 seams, 8, 16, 32 ends of the surface."""
     ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1).astype(np.int64)
     keys = ends[:, 0] * (int(faces.max()) + 1) + ends[:, 1]
     order = np.argsort(keys, kind="stable")
@@ -211,12 +218,9 @@ def _figures(result: Parameterization, ids: IntArray) -> tuple[FloatArray, Float
     """Of faces: the mean angle error (m,), degrees, and log2 of the area's share in the map over that on the surface (m,)."""
     mesh, image = result.mesh, result.coordinates
     flat = np.pad(image, ((0, 0), (0, 3 - TARGETS.get(result.target).space.dimension)))
-    totals = [
-        float(sum(in_slices(lambda begin, end, p=points: face_areas(p, mesh.faces[begin:end]).sum(), len(mesh.faces))))
-        for points in (mesh.vertices, flat)
-    ]
+    totals = _area(mesh.vertices, mesh.faces), _area(flat, mesh.faces)
     shown = Mesh(mesh.vertices, mesh.faces[ids], mesh.name)
     surface, mapped = (face_areas(points, shown.faces) for points in (mesh.vertices, flat))
     errors = np.where(surface > 0.0, angle_errors(shown, image).mean(axis=1), 0.0)
-    halves = log_area_ratios(surface, mapped, (totals[0], totals[1])) / np.log(2.0)
+    halves = log_area_ratios(surface, mapped, totals) / np.log(2.0)
     return errors, np.clip(np.nan_to_num(halves, posinf=0.0, neginf=-_MOST_HALVES), -_MOST_HALVES, _MOST_HALVES)

@@ -9,6 +9,7 @@ from pgcp.report.chart import linear_axis
 
 _WIDTH, _LEFT, _RIGHT, _ROW, _GAP, _MEMORY = 1140.0, 110.0, 20.0, 22.0, 7.0, 70.0
 _LEAST = 0.6  # width of a bar
+_LEAST_S = 0.005  # of a stage that the key names
 _MOST_ROWS, _MOST_TASKS = 64, 4000
 
 
@@ -17,12 +18,12 @@ def timeline(report: dict[str, Any]) -> dict[str, Any] | None:
     stages = [stage for stage in report.get("stages", []) if "begin" in stage]
     if not stages:
         return None
-    tasks = report.get("timeline", [])[:_MOST_TASKS]
+    tasks = [{**task, "begin": max(task["begin"], 0.0)} for task in report.get("timeline", [])[:_MOST_TASKS]]
     ends = [entry["begin"] + entry["seconds"] for entry in (*stages, *tasks)]
     axis = linear_axis(0.0, max(*ends, 1e-3), (0.0, 0.0), 8)
     per_second = (_WIDTH - _LEFT - _RIGHT) / axis.high
     names = list(dict.fromkeys(entry[key] for entries, key in ((stages, "name"), (tasks, "stage")) for entry in entries))
-    colours = {name: _colour(k, len(names)) for k, name in enumerate(names)}
+    colours = {name: _colour(k) for k, name in enumerate(names)}
 
     def bar(name: str, begin: float, seconds: float, where: str = "") -> dict[str, Any]:
         """A bar of a stage or a task."""
@@ -41,10 +42,16 @@ def timeline(report: dict[str, Any]) -> dict[str, Any] | None:
     memory = _memory(stages, per_second, base + 20.0)
     base += _MEMORY + 24.0 if memory else 0.0
     ticks = [
-        {"x": round(_LEFT + at * per_second, 2), "label": f"{label} s"} for at, label in zip(axis.ticks, axis.labels, strict=True)
+        {"x": round(_LEFT + at * per_second, 2), "label": f"{label} s"}
+        for at, label in zip(axis.ticks, axis.labels, strict=True)
     ]
     used = {name: sum(stage["seconds"] for stage in stages if stage["name"] == name) for name in names}
-    key = [{"label": f"{name} {used[name]:.2f} s" if used[name] else name, "colour": colours[name]} for name in names]
+    within = {task["stage"] for task in tasks}
+    key = [
+        {"label": f"{name} {used[name]:.2f} s" if used[name] else f"{name}, beside others", "colour": colours[name]}
+        for name in names
+        if used[name] >= _LEAST_S or name in within
+    ]
     return {
         "width": _WIDTH, "height": base + 28.0, "base": base, "left": _LEFT,
         "rows": rows, "ticks": ticks, "key": key, "memory": memory,
@@ -88,7 +95,7 @@ def _memory(stages: list[dict[str, Any]], per_second: float, top: float) -> dict
     return {"path": "".join(path) + f"V{base:.1f}Z", "middle": top + _MEMORY / 2, "x": round(x, 1), "y": top, "label": text}
 
 
-def _colour(k: int, count: int) -> str:
-    """Colours that differ, of the same strength, for light and dark pages."""
-    r, g, b = colorsys.hls_to_rgb((0.58 + k / count) % 1.0, 0.58 if k % 2 else 0.46, 0.48)
+def _colour(k: int) -> str:
+    """Colours that differ from those before, of the same strength, for light and dark pages."""
+    r, g, b = colorsys.hls_to_rgb((0.58 + 0.381966 * k) % 1.0, 0.58 if k % 2 else 0.48, 0.42)
     return f"#{round(r * 255):02x}{round(g * 255):02x}{round(b * 255):02x}"

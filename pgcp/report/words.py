@@ -41,18 +41,24 @@ def course(result: Parameterization) -> list[str]:
     lines = [f"The mesh was mended: {fix['message']}" for fix in report.get("fixes", [])]
     if report.get("mollification"):
         lines.append(f"Edges of faces without area were taken to be longer by {report['mollification']:.2g}")
-    for k, tried in enumerate(report.get("retries", []), 1):
-        folds = "" if tried["folds"] is None else f", which left {counted(tried['folds'], 'fold', 'folds')}"
-        patches = counted(tried["patches"], "patch", "patches")
-        lines.append(f"Attempt {k}, with {patches} and seed {tried['seed']}{folds}, did not serve: {tried['reason']}")
+    lines += [_attempt(k, tried) for k, tried in enumerate(report.get("retries", []), 1)]
     patches, welds = len(report.get("patches", [])), len(report.get("welds", []))
     if welds:
-        lines.append(f"{counted(patches, 'patch was', 'patches were')} flattened and joined by {counted(welds, 'weld', 'welds')}")
+        lines.append(
+            f"{counted(patches, 'patch was', 'patches were')} flattened and joined by {counted(welds, 'weld', 'welds')}"
+        )
     lines += _adjusted(report)
     lines += [line[0].upper() + line[1:] for line in notes({**_NOTHING, **report})]
     if not report.get("retries") and not report.get("repairs"):
         lines.append("The first attempt served; nothing had to be tried again or repaired")
     return [line if line.endswith((".", "!", "?")) else f"{line}." for line in lines]
+
+
+def _attempt(number: int, tried: dict[str, Any]) -> str:
+    """What was tried, and why it did not serve."""
+    folds = "" if tried["folds"] is None else f", which left {counted(tried['folds'], 'fold', 'folds')}"
+    patches = counted(tried["patches"], "patch", "patches")
+    return f"Attempt {number}, with {patches} and seed {tried['seed']}{folds}, did not serve: {tried['reason']}"
 
 
 _NOTHING: dict[str, Any] = {"repairs": [], "fallback": None, "overlap": None, "single_precision_folds": 0}
@@ -65,8 +71,9 @@ def _adjusted(report: dict[str, Any]) -> list[str]:
     if correction and correction["share"]:
         before, after = correction["log_area_before"], correction["log_area_after"]
         lines.append(
-            f"A Moebius map, by {correction['method']}, took the mean log area ratio from {before:.4g} to {after:.4g} "
-            f"and the mean angle error from {correction['angle_mean_before_deg']:.4g}° to {correction['angle_mean_after_deg']:.4g}°"
+            f"A Moebius map, for least {correction['method']} distortion, took the mean log area ratio from {before:.4g} to "
+            f"{after:.4g}, the mean angle error from {correction['angle_mean_before_deg']:.4g}° to "
+            f"{correction['angle_mean_after_deg']:.4g}°"
         )
     elif correction:
         lines.append("A Moebius correction was looked for, and the map was left as it was")

@@ -25,7 +25,7 @@ class Clock:
         self.executor: Executor = LocalExecutor()
         self._progress = progress
         self._counted: set[str] = set()
-        self._start = time.perf_counter()
+        self._start, self._time = time.perf_counter(), time.time()
 
     def progress(self, stage: str, done: int, total: int) -> None:
         """Pass on what an executor has done of a stage."""
@@ -53,6 +53,6 @@ class Clock:
     def timeline(self, executor: Executor) -> list[dict[str, Any]]:
         """Every task of an executor: stage, number of its worker, when it began, seconds since the run did, and its seconds."""
         return [
-            {"stage": stage, "worker": worker, "begin": round(max(begin - self._start, 0.0), 4), "seconds": round(seconds, 4)}
-            for stage, worker, begin, seconds in executor.worked
+            {"stage": stage, "worker": worker, "begin": round(span.begin - self._time, 4), "seconds": round(span.seconds, 4)}
+            for stage, worker, span in executor.worked
         ]

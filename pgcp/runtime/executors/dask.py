@@ -152,7 +152,7 @@ class DaskExecutor(Executor):
         for done in self._submission.done(stage):
             if done.problem is None:
                 worker = self._numbers.setdefault(done.address, len(self._numbers) + 1)
-                self.counted(done.task.stage, done.seconds, done.result, worker)
+                self.counted(done.task.stage, done.span, done.result, worker)
             if done.task.kind is Kind.SPECULATIVE:
                 self._end_speculative(done)
             else:
