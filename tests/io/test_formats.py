@@ -248,7 +248,7 @@ def test_the_command_writes_files_by_name_and_a_folder_only_if_asked(tmp_path, c
     assert (tmp_path / "out" / "b.png").read_bytes().startswith(b"\x89PNG")
     assert names(tmp_path) == ["m.obj", "out"]
     assert main([*words, "-o", wanted[0], "--output-dir", str(tmp_path / "two"), "--no-png", "--texture", "checker"]) == 0
-    assert names(tmp_path / "two") == ["m.mtl", "m.npz", "m.obj", "m.ply", "m_texture.png", "report.json"]
+    assert names(tmp_path / "two") == ["m.html", "m.mtl", "m.npz", "m.obj", "m.ply", "m_texture.png", "report.json"]
     assert main([*words, "--output-dir", str(tmp_path / "two"), "--no-png", "--uv", "surface"]) == 0
     assert names(tmp_path / "two") == ["m.npz", "m.obj", "m.ply", "report.json"]
     assert json.loads((tmp_path / "two" / "report.json").read_text())["texture"] == {"kind": "surface"}
