@@ -127,7 +127,7 @@ OPTION_RUNS = [
     "--seams exact --target disk --output-dir {folder}/out",
     "--seams relax --flatten scp --output-dir {folder}/out",
     "--patches auto --workers auto --memory-limit 4GB --output-dir {folder}/out",
-    "--resume --store {folder} --no-obj --no-ply --no-png --output-dir {folder}/out",
+    "--resume --store {folder} --no-obj --no-ply --no-png --no-html --output-dir {folder}/out",
 ]
 
 

@@ -210,7 +210,7 @@ def test_a_signal_during_the_switch_waits_for_it(folder):
     process.send_signal(signal.SIGTERM)
     process.communicate(timeout=60)
     files = everything(folder / "hills_pgcp")
-    assert len(files) == 5
+    assert len(files) == 6
     assert all(not data.startswith(b"earlier") for data in files.values())
 
 

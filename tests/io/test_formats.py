@@ -249,7 +249,7 @@ def test_the_command_writes_files_by_name_and_a_folder_only_if_asked(tmp_path, c
     assert names(tmp_path) == ["m.obj", "out"]
     assert main([*words, "-o", wanted[0], "--output-dir", str(tmp_path / "two"), "--no-png", "--texture", "checker"]) == 0
     assert names(tmp_path / "two") == ["m.html", "m.mtl", "m.npz", "m.obj", "m.ply", "m_texture.png", "report.json"]
-    assert main([*words, "--output-dir", str(tmp_path / "two"), "--no-png", "--uv", "surface"]) == 0
+    assert main([*words, "--output-dir", str(tmp_path / "two"), "--no-png", "--no-html", "--uv", "surface"]) == 0
     assert names(tmp_path / "two") == ["m.npz", "m.obj", "m.ply", "report.json"]
     assert json.loads((tmp_path / "two" / "report.json").read_text())["texture"] == {"kind": "surface"}
     exact = by_numpy((tmp_path / "two" / "m.npz").read_bytes())["uv"]
@@ -402,7 +402,7 @@ def test_an_earlier_report_is_not_believed_beyond_its_files(said, maps, tmp_path
 
 def test_the_command_writes_what_is_asked_for(tmp_path, capsys):
     write_mesh(tmp_path / "m.obj", lifted(grid(6)))
-    words = [str(tmp_path / "m.obj"), "--patches", "2", "--no-png", "--json"]
+    words = [str(tmp_path / "m.obj"), "--patches", "2", "--no-png", "--no-html", "--json"]
     for more, wanted in (
         ([], ["m.npz", "m.obj", "m.ply"]),
         (["--no-obj", "--no-ply"], ["m.npz"]),
