@@ -79,6 +79,7 @@ def map_surface(
             "executor": description,
             "stages": clock.stages,
             "tasks": executor.taken,
+            "timeline": clock.timeline(executor),
         }
         return _result(taken, outcome, coordinates, mu, quality, where)
 

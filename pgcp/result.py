@@ -206,6 +206,12 @@ class Result(Parameterization):
 
         return drawn_sheet(self)
 
+    def page(self) -> str:
+        """The report page that the command writes: HTML that needs no other file and no network."""
+        from pgcp.report.page import page
+
+        return page(self).decode()
+
     def save(self, path: str | Path) -> None:
         """Write all of the result into one npz file, whatever its name, that appears whole or not at all.
 

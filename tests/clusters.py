@@ -255,7 +255,7 @@ class Place:
 
     def start(self, *arguments, patience=None):
         """Start the command."""
-        usual = ("hills.obj", "--patches", str(PATCHES), "--store", "store", "--no-obj", "--no-ply", "--no-png")
+        usual = ("hills.obj", "--patches", str(PATCHES), "--store", "store", "--no-obj", "--no-ply", "--no-png", "--no-html")
         environment = {**os.environ, "PYTHONWARNINGS": ""}
         if patience is not None:
             environment[PATIENCE] = str(patience)

@@ -6,14 +6,14 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from pgcp.cli.compare import compared
 from pgcp.cli.failures import failed, of_system, refused, stopped
-from pgcp.cli.parser import options_of, outputs_of, parse, running_of
+from pgcp.cli.parser import PAGE_VERTICES, options_of, outputs_of, parse, running_of
 from pgcp.cli.progress import Silent, display, logged
 from pgcp.cli.several import SEVERITY, check_several, each_alone, several
 from pgcp.cli.summary import check_only, record, summary
@@ -21,7 +21,7 @@ from pgcp.cli.terminal import BAD_INPUT, GOOD, NUMERICAL, Signals, have_streams,
 from pgcp.cli.usage import SHORT_HELP, UsageError
 from pgcp.errors import InputError, PgcpError
 from pgcp.options import AUTO, Options, Running
-from pgcp.parallel import leave, processor_count
+from pgcp.parallel import at_once, leave, processor_count
 from pgcp.runtime.address_space import check_address_space
 from pgcp.runtime.compiled import cache_is_temporary, compile_all, compiled_together, drop_temporary_cache
 from pgcp.runtime.executors import shared_workers
@@ -134,23 +134,41 @@ def _written(
 ) -> list[Path]:
     """Draw and write what is asked for; ``place`` is the folder and the stem of the usual results. Returns the files."""
     from pgcp.io.write import within, write_files, write_outputs
-    from pgcp.report.picture import draw
 
-    has_folder = _has_folder(arguments)
-    with_picture = (has_folder and not arguments.no_png) or any(path.suffix.lower() == ".png" for path in arguments.output)
-    shown("draw", 0, 0)
-    picture = draw(result) if with_picture else None
-    shown("draw", 1, 1)
+    drawn = _drawn(result, arguments, shown)
     shown("write", 0, 0)
     layout = result.layout(arguments.uv, arguments.up)
-    paths = write_files(arguments.output, result, picture, signals.held(), layout, texture) if arguments.output else []
-    if has_folder:
+    paths = write_files(arguments.output, result, drawn, signals.held(), layout, texture) if arguments.output else []
+    if _has_folder(arguments):
         if arguments.write is None and arguments.mesh is not None and arguments.mesh.exists():
             kinds = within(kinds, result, arguments.mesh.stat().st_size)
-        usual = None if arguments.no_png else picture
+        usual = {suffix: data for suffix, data in drawn.items() if suffix in _usual_drawings(result, arguments)}
         paths += write_outputs(place.parent, place.name, result, usual, signals.held(), kinds, layout, texture)
     shown("write", 1, 1)
     return paths
+
+
+def _usual_drawings(result: Result, arguments: argparse.Namespace) -> set[str]:
+    """Suffixes of what is drawn into the folder of the usual results."""
+    with_page = len(result.mesh.vertices) <= PAGE_VERTICES if arguments.html is None else arguments.html
+    return {suffix for suffix, wanted in ((".png", not arguments.no_png), (".html", with_page)) if wanted}
+
+
+def _drawn(result: Result, arguments: argparse.Namespace, shown: Silent) -> dict[str, bytes]:
+    """The picture and the page, those that are wanted, by suffix."""
+    from pgcp.report.page import page
+    from pgcp.report.picture import draw
+
+    wanted = {path.suffix.lower() for path in arguments.output}
+    if _has_folder(arguments):
+        wanted |= _usual_drawings(result, arguments)
+    command = "pgcp-run", *arguments.words
+    makers: dict[str, Callable[[], bytes]] = {".png": lambda: draw(result), ".html": lambda: page(result, command)}
+    shown("draw", 0, 0)
+    suffixes = [suffix for suffix in makers if suffix in wanted]
+    drawn = dict(zip(suffixes, at_once(*(makers[suffix] for suffix in suffixes)), strict=True))
+    shown("draw", 1, 1)
+    return drawn
 
 
 def _told(result: Result, seconds: float, directory: Path, paths: list[Path], arguments: argparse.Namespace) -> int:
@@ -190,6 +208,7 @@ def _warm_up(quiet: bool) -> None:
 def _asked(words: Sequence[str]) -> argparse.Namespace | None:
     """What a command line asks for, None where that has been said; raises UsageError where it cannot be understood."""
     arguments = parse(words)
+    arguments.words = tuple(words)
     arguments.mesh = arguments.meshes[0] if arguments.meshes else None
     if arguments.version:
         versions = package_versions()

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pgcp.methods.base import Method, OwnOption
 
 _LARGE_FILE = 20_000_000
+PAGE_VERTICES = 2_000_000  # of meshes whose report page is made without being asked for: it costs a few percent of a run
 _OWN = "own:"
 
 
@@ -123,8 +124,8 @@ def _map_options(group: argparse._ArgumentGroup) -> None:
 def _output_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "-o", "--output", type=Path, action="append", default=[], metavar="FILE",
-        help="write this file, what its suffix says (.obj, .glb, .vtp, .csv, .png and others, .obj.gz too), and no folder of "
-        "results where none is named; may be repeated",
+        help="write this file, what its suffix says (.obj, .glb, .vtp, .csv, .png, .html and others, .obj.gz too), and no "
+        "folder of results where none is named; may be repeated",
     )  # fmt: skip
     group.add_argument("--output-dir", type=Path, metavar="DIR", help="where results go (default <stem>_pgcp beside the mesh)")
     group.add_argument(
@@ -145,6 +146,11 @@ def _output_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--no-obj", action="store_true", help="write no OBJ file")
     group.add_argument("--no-ply", action="store_true", help="write no PLY file")
     group.add_argument("--no-png", action="store_true", help="draw no picture")
+    group.add_argument(
+        "--html",
+        action=argparse.BooleanOptionalAction,
+        help=f"write the report page, or none (default: of meshes with up to {PAGE_VERTICES:,} vertices)",
+    )
     group.add_argument("--json", action="store_true", help="print one JSON object: the result, or the error")
     group.add_argument("--log-file", type=Path, metavar="FILE", help="append the stages of the run, with times, to this file")
     group.add_argument("--quiet", action="store_true", help="print nothing but errors")

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pgcp.cli.terminal import BAD_INPUT, GOOD, NUMERICAL, say
+from pgcp.report.words import counted, notes
 from pgcp.types import Parameterization
 
 if TYPE_CHECKING:
@@ -74,47 +75,21 @@ def _say_mended(seen: Inspection) -> int:
     return GOOD
 
 
-def _counted(count: int, one: str, many: str) -> str:
-    return f"{count} {one if count == 1 else many}"
-
-
-def _given_way(reason: str, **names: str) -> str:
-    """What took the place of the map that was asked for, and why."""
-    asked, got = names["from"], names["to"]
-    if got.startswith(f"{asked} "):
-        return f"an embedding without folds, not conformal, took the place of the conformal map to the {asked}: {reason}"
-    return f"instead of {asked}, mapped to {got}: {reason}"
-
-
-def _notes(report: dict[str, Any]) -> str:
-    """Lines on what a user should know of a map beside its quality."""
-    helped = [r for r in report["repairs"] if r["folds_after"] < r["folds_before"]]
-    lines = [f"repaired by {r['method']}: {r['folds_before']} folds to {r['folds_after']}" for r in helped]
-    if report["fallback"]:
-        lines.append(_given_way(**report["fallback"]))
-    if report["overlap"] and report["overlap"]["crossings"]:
-        crossings = _counted(report["overlap"]["crossings"], "time", "times")
-        lines.append(f"the boundary crosses itself {crossings}: the map overlaps itself (--no-overlap maps to the disk)")
-    if report["single_precision_folds"] > 0:
-        folds = _counted(report["single_precision_folds"], "fold", "folds")
-        lines.append(f"rounded to 32-bit floats the map has {folds}: PLY files hold it in doubles, GLB files do not")
-    return "".join(f"  {line}\n" for line in lines)
-
-
 def summary(result: Parameterization, seconds: float, where: str) -> str:
     """What the command says of a finished map."""
     q = result.quality
     stages = ", ".join(f"{s['name']} {s['seconds']:.2f}" for s in result.report["stages"])
-    patches = _counted(len(result.report["patches"]), "patch", "patches")
+    patches = counted(len(result.report["patches"]), "patch", "patches")
     fixes = "".join(f"  fixed: {fix['message']}\n" for fix in result.report["fixes"])
     taken = "".join(f"  {note['message']}\n" for note in result.report["input"])
+    said = "".join(f"  {line}\n" for line in notes(result.report))
     return (
         f"{result.mesh.name}: {len(result.mesh.vertices)} vertices, target {result.target}, {patches}, "
         f"{seconds:.1f} s ({stages})\n"
         f"{taken}{fixes}"
         f"  |angle error| mean {q.angle_mean_deg:.4f}, sd {q.angle_sd_deg:.4f}, max {q.angle_max_deg:.2f} degrees; "
         f"folds {q.folds}{'' if q.degree is None else f', degree {q.degree:.0f}'}\n"
-        f"{_notes(result.report)}"
+        f"{said}"
         f"  results in {where}"
     )
 

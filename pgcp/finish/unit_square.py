@@ -73,12 +73,14 @@ def standing(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
     An animal has its feet there, a bust its base, a tail or a nose is narrow.
     """
-    points = vertices[np.unique(faces[:: len(faces) // _SAMPLE | 1])]
-    low, span = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-300)
+    used = np.zeros(len(vertices), bool)
+    used[faces[:: len(faces) // _SAMPLE | 1]] = True
+    points = np.ascontiguousarray(vertices[used].T)  # columns: quicker than rows of three
+    low, span = points.min(axis=1), np.maximum(np.ptp(points, axis=1), 1e-300)
     shares = np.empty(3)
     for axis in range(3):
-        lowest = points[points[:, axis] <= low[axis] + 0.05 * span[axis]]
-        across = np.delete(np.ptp(lowest, axis=0) / span, axis)
+        lowest = points[:, points[axis] <= low[axis] + 0.05 * span[axis]]
+        across = np.delete(np.ptp(lowest, axis=1) / span, axis)
         shares[axis] = across.prod()
     return shares
 

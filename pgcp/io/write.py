@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from pathlib import Path
 from typing import IO, Any
@@ -18,7 +18,8 @@ from pgcp.io.formats import DEFAULT_OUTPUTS, VERTICES, Arrays, Format, of_name, 
 from pgcp.io.given import given_parts, vertex_normals
 from pgcp.types import FloatArray, IntArray, Layout, Mesh, Parameterization
 
-_PICTURE, _REPORT = ".png", "report.json"
+DRAWN = (".png", ".html")  # what others draw of a map: the picture and the page
+_REPORT = "report.json"
 _BY_VERTEX = ("log_scale",)
 _MEASURES = (*_BY_VERTEX, "angle_error", "area_ratio")
 _BESIDE = (".mtl", "_texture.png")  # an OBJ file's material and texture
@@ -146,17 +147,18 @@ def write_outputs(
     directory: Path,
     stem: str,
     result: Parameterization,
-    picture: bytes | None,
+    drawn: Mapping[str, bytes],
     switching: AbstractContextManager[object] | None = None,
     kinds: Collection[str] = DEFAULT_OUTPUTS,
     layout: Layout | None = None,
     texture: bytes | None = None,
 ) -> list[Path]:
-    """Write a map in formats of these names, png and report.json into a directory made as needed; returns the paths.
+    """Write a map in formats of these names, drawings and report.json into a directory made as needed; returns the paths.
 
-    Coordinates that would be folded in 32-bit floats are written as doubles where the format can hold them. A png is written
-    where there is a picture. What an earlier run wrote of these files and this one does not is removed; of
-    formats that are not written by default those that its report names. The report is the last path and names all files.
+    Coordinates that would be folded in 32-bit floats are written as doubles where the format can hold them. drawn: contents of
+    files by suffix, those of ``DRAWN`` that are wanted. What an earlier run wrote of these files and this one does not is
+    removed; of formats that are not written by default those that its report names. The report is the last path and names all
+    files.
     layout: texture coordinates, the map's own where there is none; texture: a PNG, for formats that have textures.
 
     All are written and on the disk before the first takes the place of an earlier one, inside ``switching``; a failure
@@ -164,8 +166,8 @@ def write_outputs(
     """
     chosen = outputs(kinds)
     names = {f"{stem}{kind.suffixes[0]}": kind for kind in chosen}
-    images = {} if picture is None else {f"{stem}{_PICTURE}": picture}
-    usual = {f"{stem}{suffix}" for suffix in (_PICTURE, *(kind.suffixes[0] for kind in outputs(DEFAULT_OUTPUTS)))}
+    images = {f"{stem}{suffix}": data for suffix, data in drawn.items()}
+    usual = {f"{stem}{suffix}" for suffix in (*DRAWN, *(kind.suffixes[0] for kind in outputs(DEFAULT_OUTPUTS)))}
     with replacing_together(directory) as files:
         beside = dict(images)
         for name, kind in names.items():
@@ -202,18 +204,18 @@ def within(kinds: Collection[str], result: Parameterization, size: int) -> tuple
 
 
 def kind_of(path: Path) -> tuple[Format | None, bool]:
-    """The format that a file's name asks for, and whether it is to be packed; None for a picture.
+    """The format that a file's name asks for, and whether it is to be packed; None for what is drawn.
 
     Raises BadFileError where the name says no format, InputError where its packages are missing.
     """
     name = path.name.lower()
     packed = name.endswith(PACKED)
     name = name.removesuffix(PACKED)
-    if name.endswith(_PICTURE) and not packed:
+    if name.endswith(DRAWN) and not packed:
         return None, False
     kind = of_name(name, writable())
     if kind is None:
-        known = f"{suffixes_of(writable())}, {_PICTURE}, all but the last with {PACKED} too"
+        known = f"{suffixes_of(writable())}, all with {PACKED} too, and {', '.join(DRAWN)}"
         raise BadFileError(f"{path}: its name does not say what to write; known are {known}")
     kind.check_packages("writing")
     return kind, packed
@@ -227,14 +229,15 @@ def _is_other(path: Path, kind: Format, texture: bytes | None) -> bool:
 def write_files(
     paths: Sequence[Path],
     result: Parameterization,
-    picture: bytes | None = None,
+    drawn: Mapping[str, bytes] | None = None,
     switching: AbstractContextManager[object] | None = None,
     layout: Layout | None = None,
     texture: bytes | None = None,
 ) -> list[Path]:
     """Write a map into files whose names say what they are; returns their paths, and those of files that belong to them.
 
-    Names that end in .gz are packed. All are written before the first takes the place of an earlier one, inside ``switching``.
+    Names that end in .gz are packed. drawn: contents by suffix for names that end so. All are written before the first takes
+    the place of an earlier one, inside ``switching``.
     Raises BadFileError where a name says no format.
     """
     sets: dict[Path, FileSet] = {}
@@ -245,7 +248,7 @@ def write_files(
                 sets[path.parent] = stack.enter_context(replacing_together(path.parent))
             files, (kind, packed) = sets[path.parent], kind_of(path)
             if kind is None:
-                files.open(path.name).write(picture or b"")
+                files.open(path.name).write((drawn or {})[path.suffix.lower()])
                 continue
             stem = path.name[: -len(PACKED)] if packed else path.name
             stem = stem[: -max(len(suffix) for suffix in kind.suffixes if stem.lower().endswith(suffix))]

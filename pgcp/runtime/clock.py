@@ -14,7 +14,7 @@ _LOGGER = logging.getLogger("pgcp")
 
 
 class Clock:
-    """Seconds and peak memory of the stages run so far; ``executor`` is asked for the memory of its processes.
+    """Begin, seconds and peak memory of the stages run so far; ``executor`` is asked for the memory of its processes.
 
     ``progress`` hears of every stage as it begins and ends, and of the tasks that the executor counts. The logger ``pgcp``
     gets a line for each.
@@ -25,6 +25,7 @@ class Clock:
         self.executor: Executor = LocalExecutor()
         self._progress = progress
         self._counted: set[str] = set()
+        self._start, self._time = time.perf_counter(), time.time()
 
     def progress(self, stage: str, done: int, total: int) -> None:
         """Pass on what an executor has done of a stage."""
@@ -45,5 +46,13 @@ class Clock:
         finally:
             seconds = time.perf_counter() - start
             _LOGGER.info("%s: %.2f s", name, seconds)
-            self.stages.append({"name": name, "seconds": round(seconds, 4), "peak_bytes": 0})
+            begin = round(start - self._start, 4)
+            self.stages.append({"name": name, "begin": begin, "seconds": round(seconds, 4), "peak_bytes": 0})
         self.stages[-1]["peak_bytes"] = self.executor.peak_bytes()
+
+    def timeline(self, executor: Executor) -> list[dict[str, Any]]:
+        """Every task of an executor: stage, number of its worker, when it began, seconds since the run did, and its seconds."""
+        return [
+            {"stage": stage, "worker": worker, "begin": round(span.begin - self._time, 4), "seconds": round(span.seconds, 4)}
+            for stage, worker, span in executor.worked
+        ]

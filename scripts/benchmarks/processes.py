@@ -129,7 +129,7 @@ def stage_seconds(report: dict[str, Any]) -> dict[str, float]:
 def pgcp_command(mesh: Path | None, out: Path, options: dict[str, Any]) -> list[str]:
     """The command for one run, of the demo where there is no mesh, without pictures; options that are None are left out."""
     words = [f"--{name}={value}" for name, value in options.items() if value is not None]
-    words += ["--no-obj", "--no-ply", "--no-png", f"--output-dir={out}"]
+    words += ["--no-obj", "--no-ply", "--no-png", "--no-html", f"--output-dir={out}"]
     return [sys.executable, "-m", "pgcp", "--demo" if mesh is None else str(mesh), *words]
 
 

@@ -68,10 +68,10 @@ class Recorder(LocalExecutor):
 
     def _recorded(self, stage: str, name: int, after: tuple[int, ...], function: Callable[[Any], Any], item: Any) -> Any:
         before = forget_peak() if self._looks_at_memory else 0
-        seconds, result = timed(function, item, 1)
+        span, result = timed(function, item, 1)
         grown = resident_bytes("VmHWM") - before if self._looks_at_memory else 0
-        result = self.counted(stage, seconds, result)
-        self.records.append(Record(stage, name, after, seconds, self._sizes_of(stage, item, result), grown))
+        result = self.counted(stage, span, result)
+        self.records.append(Record(stage, name, after, span.seconds, self._sizes_of(stage, item, result), grown))
         return result
 
 

@@ -24,7 +24,7 @@ import pgcp
 from pgcp.cli import parser
 from pgcp.cli.main import main
 from pgcp.cli.parser import _workers_of, build_parser
-from pgcp.cli.summary import _notes
+from pgcp.report.words import notes
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMAND = [sys.executable, "-m", "pgcp"]
@@ -51,7 +51,9 @@ def test_a_run_writes_all_results_in_the_order_of_the_file(folder):
     done = run(folder / "hills.obj", "--patches", 4)
     assert done.returncode == 0, done.stderr
     out = folder / "hills_pgcp"
-    assert sorted(p.name for p in out.iterdir()) == ["hills.npz", "hills.obj", "hills.ply", "hills.png", "report.json"]
+    assert sorted(p.name for p in out.iterdir()) == [
+        "hills.html", "hills.npz", "hills.obj", "hills.ply", "hills.png", "report.json",
+    ]  # fmt: skip
     mesh = pgcp.read_mesh(folder / "hills.obj")
     with np.load(out / "hills.npz") as data:
         assert {k: (v.shape, v.dtype.kind) for k, v in data.items()} == {
@@ -125,7 +127,7 @@ OPTION_RUNS = [
     "--seams exact --target disk --output-dir {folder}/out",
     "--seams relax --flatten scp --output-dir {folder}/out",
     "--patches auto --workers auto --memory-limit 4GB --output-dir {folder}/out",
-    "--resume --store {folder} --no-obj --no-ply --no-png --output-dir {folder}/out",
+    "--resume --store {folder} --no-obj --no-ply --no-png --no-html --output-dir {folder}/out",
 ]
 
 
@@ -138,7 +140,7 @@ def test_options(words, folder):
 
 
 def test_outputs_are_left_out_and_processors_used_for_large_files(folder, monkeypatch):
-    done = run(folder / "hills.obj", "--no-obj", "--no-ply", "--no-png")
+    done = run(folder / "hills.obj", "--no-obj", "--no-ply", "--no-png", "--no-html")
     assert done.returncode == 0, done.stderr
     assert sorted(path.name for path in (folder / "hills_pgcp").iterdir()) == ["hills.npz", "report.json"]
     monkeypatch.setattr(parser, "processor_count", lambda: 3)
@@ -413,9 +415,9 @@ def test_nothing_in_the_library_prints(folder, capfd):
 
 def test_an_embedding_is_told_in_a_sentence_that_does_not_contradict_itself():
     report = {"repairs": [], "overlap": None, "single_precision_folds": 2}
-    told = _notes({**report, "fallback": {"from": "sphere", "to": "sphere (embedding)", "reason": "no weld closes"}})
+    told = "\n".join(notes({**report, "fallback": {"from": "sphere", "to": "sphere (embedding)", "reason": "no weld closes"}}))
     assert "instead of sphere" not in told
     assert "took the place of the conformal map to the sphere: no weld closes" in told
     assert "rounded to 32-bit floats the map has 2 folds: PLY files hold it in doubles, GLB files do not" in told
-    told = _notes({**report, "fallback": {"from": "free", "to": "disk", "reason": "3 folds are left"}})
+    told = "\n".join(notes({**report, "fallback": {"from": "free", "to": "disk", "reason": "3 folds are left"}}))
     assert "instead of free, mapped to disk: 3 folds are left" in told

@@ -19,7 +19,7 @@ from pgcp.errors import InputError
 from pgcp.runtime import address_space
 from pgcp.runtime.address_space import check_address_space
 
-QUIET = ("--no-ply", "--no-png")
+QUIET = ("--no-ply", "--no-png", "--no-html")
 
 
 @pytest.fixture(scope="module")

@@ -46,7 +46,7 @@ def marked():
 def one(k):
     uv = np.full((n * n, 2), float(k))
     result = Parameterization(mesh, uv, faces[:, 0], faces[:, 0] * 1j, quality, "free", {"k": k})
-    write.write_outputs(folder / "out", "m", result, b"png %d" % k, marked())
+    write.write_outputs(folder / "out", "m", result, {".png": b"png %d" % k}, marked())
 
 if len(sys.argv) > 2:
     one(int(sys.argv[2]))
@@ -196,7 +196,7 @@ def test_a_killed_command_leaves_earlier_results_and_the_next_cleans_up(folder):
         (folder / "mark").unlink()
     done = run(folder)
     assert done.returncode == 0, done.stderr
-    assert set(everything(folder)) == set(before)
+    assert set(everything(folder)) == {*before, "hills_pgcp/hills.html"}
     assert list((folder / "store").iterdir()) == []
     assert all(not data.startswith(b"earlier") for data in everything(folder).values())
 
@@ -210,7 +210,7 @@ def test_a_signal_during_the_switch_waits_for_it(folder):
     process.send_signal(signal.SIGTERM)
     process.communicate(timeout=60)
     files = everything(folder / "hills_pgcp")
-    assert len(files) == 5
+    assert len(files) == 6
     assert all(not data.startswith(b"earlier") for data in files.values())
 
 

@@ -48,7 +48,7 @@ def path(tmp_path):
 
 
 def test_the_command_reads_and_writes_it(path):
-    assert main([str(path), "--patches", "2", "--quiet", "--no-png", "--uv", "surface", "--write", "toy,npz"]) == 0
+    assert main([str(path), "--patches", "2", "--quiet", "--no-png", "--no-html", "--uv", "surface", "--write", "toy,npz"]) == 0
     out = path.parent / "m_pgcp"
     assert sorted(p.name for p in out.iterdir()) == ["m.npz", "m.toy", "report.json"]
     mesh = lifted(grid(6))

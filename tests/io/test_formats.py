@@ -143,7 +143,7 @@ def test_every_format_that_is_written_is_read_back_by_another():
 def test_a_map_is_read_back_as_it_is(kind, key, maps, tmp_path):
     check(kind)
     result = maps[key]
-    *paths, report = write_outputs(tmp_path, "m", result, None, kinds=[kind.name])
+    *paths, report = write_outputs(tmp_path, "m", result, {}, kinds=[kind.name])
     assert paths == [tmp_path / f"m{kind.suffixes[0]}"]
     assert report == tmp_path / "report.json"
     found, off = read_back(kind, paths[0].read_bytes(), tmp_path)
@@ -167,7 +167,7 @@ def test_texture_coordinates_are_those_of_the_layout_and_exact_ones_stay(kind, m
     check(kind)
     result = maps["uv"]
     layout = result.layout()
-    path, report = write_outputs(tmp_path, "m", result, None, kinds=[kind.name], layout=layout)
+    path, report = write_outputs(tmp_path, "m", result, {}, kinds=[kind.name], layout=layout)
     found, off = read_back(kind, path.read_bytes(), tmp_path)
     assert np.abs(found["uv"] - (result.uv if kind.is_exact else layout.points)).max() <= off
     assert kind.is_exact == (kind.name in ("npz", "csv"))
@@ -248,8 +248,8 @@ def test_the_command_writes_files_by_name_and_a_folder_only_if_asked(tmp_path, c
     assert (tmp_path / "out" / "b.png").read_bytes().startswith(b"\x89PNG")
     assert names(tmp_path) == ["m.obj", "out"]
     assert main([*words, "-o", wanted[0], "--output-dir", str(tmp_path / "two"), "--no-png", "--texture", "checker"]) == 0
-    assert names(tmp_path / "two") == ["m.mtl", "m.npz", "m.obj", "m.ply", "m_texture.png", "report.json"]
-    assert main([*words, "--output-dir", str(tmp_path / "two"), "--no-png", "--uv", "surface"]) == 0
+    assert names(tmp_path / "two") == ["m.html", "m.mtl", "m.npz", "m.obj", "m.ply", "m_texture.png", "report.json"]
+    assert main([*words, "--output-dir", str(tmp_path / "two"), "--no-png", "--no-html", "--uv", "surface"]) == 0
     assert names(tmp_path / "two") == ["m.npz", "m.obj", "m.ply", "report.json"]
     assert json.loads((tmp_path / "two" / "report.json").read_text())["texture"] == {"kind": "surface"}
     exact = by_numpy((tmp_path / "two" / "m.npz").read_bytes())["uv"]
@@ -380,10 +380,10 @@ def test_files_of_an_earlier_run_go_and_those_of_the_user_stay(maps, tmp_path):
     result = maps["uv"]
     for name in ("m.stl", "m.off", "n.glb", "m.txt"):
         (tmp_path / name).write_text("the user's own")
-    write_outputs(tmp_path, "m", result, b"picture", kinds=["npz", "glb", "off"])
+    write_outputs(tmp_path, "m", result, {".png": b"picture"}, kinds=["npz", "glb", "off"])
     assert json.loads((tmp_path / "report.json").read_text())["files"] == ["m.npz", "m.glb", "m.off", "m.png", "report.json"]
     assert names(tmp_path) == ["m.glb", "m.npz", "m.off", "m.png", "m.stl", "m.txt", "n.glb", "report.json"]
-    write_outputs(tmp_path, "m", result, None, kinds=["obj"])
+    write_outputs(tmp_path, "m", result, {}, kinds=["obj"])
     assert names(tmp_path) == ["m.obj", "m.stl", "m.txt", "n.glb", "report.json"]
     assert (tmp_path / "m.stl").read_text() == "the user's own"
 
@@ -395,14 +395,14 @@ def test_an_earlier_report_is_not_believed_beyond_its_files(said, maps, tmp_path
     for path in (tmp_path / "m.glb", folder / "m.stl", folder / "m.glb"):
         path.write_text("earlier")
     (folder / "report.json").write_bytes(said)
-    write_outputs(folder, "m", maps["uv"], None, kinds=["npz"])
+    write_outputs(folder, "m", maps["uv"], {}, kinds=["npz"])
     assert names(folder) == ["m.glb", "m.npz", *([] if b"m.stl" in said else ["m.stl"]), "report.json"]
     assert (tmp_path / "m.glb").exists()
 
 
 def test_the_command_writes_what_is_asked_for(tmp_path, capsys):
     write_mesh(tmp_path / "m.obj", lifted(grid(6)))
-    words = [str(tmp_path / "m.obj"), "--patches", "2", "--no-png", "--json"]
+    words = [str(tmp_path / "m.obj"), "--patches", "2", "--no-png", "--no-html", "--json"]
     for more, wanted in (
         ([], ["m.npz", "m.obj", "m.ply"]),
         (["--no-obj", "--no-ply"], ["m.npz"]),

@@ -10,7 +10,7 @@ from PIL import Image
 
 import pgcp
 from pgcp.report.chart import _legible, linear_axis, log_axis, plain
-from pgcp.report.picture import _sample, _view_rotation, draw
+from pgcp.report.picture import _sample, draw, view_rotation
 from pgcp.report.raster import _places, _visible, rasterise, view
 from pgcp.report.shade import _darkness, _mercator, in_colours, lit, vertex_shapes
 
@@ -179,14 +179,14 @@ def test_vertices_know_their_normal_and_the_scale_of_the_map():
 
 def test_the_view_does_not_depend_on_unit_or_place_and_shows_the_outside():
     mesh = lifted(grid(12, 9))
-    rotation = _view_rotation(mesh.vertices, mesh.faces)
+    rotation = view_rotation(mesh.vertices, mesh.faces)
     assert np.allclose(rotation @ rotation.T, np.eye(3))
     assert rotation[2, 2] > 0.7
-    assert np.allclose(_view_rotation(2.0**400 * (mesh.vertices + 5.0), mesh.faces), rotation, atol=1e-9)
-    assert _view_rotation(mesh.vertices, mesh.faces[:, ::-1])[2, 2] < -0.7
+    assert np.allclose(view_rotation(2.0**400 * (mesh.vertices + 5.0), mesh.faces), rotation, atol=1e-9)
+    assert view_rotation(mesh.vertices, mesh.faces[:, ::-1])[2, 2] < -0.7
     ball, _ = spheroid(4, 0.5)
     order = np.random.default_rng(2).permutation(len(ball.faces))
-    assert np.allclose(_view_rotation(ball.vertices, ball.faces[order]), _view_rotation(ball.vertices, ball.faces), atol=1e-9)
+    assert np.allclose(view_rotation(ball.vertices, ball.faces[order]), view_rotation(ball.vertices, ball.faces), atol=1e-9)
 
 
 def test_samples_are_even_and_take_faces_of_a_pair_alike():

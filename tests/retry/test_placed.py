@@ -58,7 +58,7 @@ def test_coordinates_that_32_bits_would_fold_are_written_as_doubles(tmp_path, sm
     result = pgcp.parameterize(Mesh(points, mesh.faces, "sheet"), target="free")
     assert result.quality.folds == 0
     assert (result.report["single_precision_folds"] > 0) == small
-    write_outputs(tmp_path, "m", result, None, kinds=["ply"])
+    write_outputs(tmp_path, "m", result, {}, kinds=["ply"])
     header = (tmp_path / "m.ply").read_bytes().split(b"end_header")[0]
     assert (b"property double s" if small else b"property float s") in header
 

@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from threadpoolctl import threadpool_limits
 
@@ -25,16 +25,25 @@ def silent(_stage: str, _done: int, _total: int) -> None:
     """Report no progress."""
 
 
+class Span(NamedTuple):
+    """When a task was computed: the time of day, in seconds since 1970 by the clock of its machine, and how many seconds."""
+
+    begin: float
+    seconds: float
+
+
 class Executor(AbstractContextManager["Executor"], ABC):
     """Runs tasks. A subclass says how, in ``run_tasks``, ``run_joins`` and ``describe``; ``compute`` does one task here.
 
     ``progress(stage, done, total)`` is called when a stage begins and after each of its tasks. ``taken`` holds for each stage
-    how many tasks it had and their seconds, added up, where they ran. ``joining`` is the present tree, if there is one.
+    how many tasks it had and their seconds, added up, where they ran; ``worked`` every task: its stage, its worker's number, 0
+    for this process, and its span. ``joining`` is the present tree, if any.
     """
 
     def __init__(self, progress: Progress = silent) -> None:
         self._progress = progress
         self.taken: dict[str, dict[str, float]] = {}
+        self.worked: list[tuple[str, int, Span]] = []
         self.joining: Joining | None = None
 
     def map(self, tasks: Tasks[Item, Result], each: Callable[[Result], None] = ignore) -> list[Result]:
@@ -122,11 +131,12 @@ class Executor(AbstractContextManager["Executor"], ABC):
         with threadpool_limits(1):
             return self.counted(stage, *timed(function, item))
 
-    def counted(self, stage: str, seconds: float, result: Result | MemoryError) -> Result:
+    def counted(self, stage: str, span: Span, result: Result | MemoryError, worker: int = 0) -> Result:
         """Count a task of a stage, and its seconds. Returns its result; raises SolveFailedError for a MemoryError."""
+        self.worked.append((stage, worker, span))
         record = self.taken.setdefault(stage, {"count": 0, "seconds": 0.0})
         record["count"] += 1
-        record["seconds"] = round(record["seconds"] + seconds, 4)
+        record["seconds"] = round(record["seconds"] + span.seconds, 4)
         if isinstance(result, MemoryError):
             raise SolveFailedError(f"stage {stage} ran out of memory") from result
         return result
@@ -148,16 +158,16 @@ class ExecutorKind:
     has_workers: bool = False
 
 
-def timed(function: Callable[[Item], Result], item: Item, processors: int = 0) -> tuple[float, Result | MemoryError]:
-    """Seconds that function(item) takes on so many processors, 0 for all, and its result, or the MemoryError it raises."""
-    start = time.perf_counter()
+def timed(function: Callable[[Item], Result], item: Item, processors: int = 0) -> tuple[Span, Result | MemoryError]:
+    """When function(item) is computed, on so many processors, 0 for all, and its result, or the MemoryError it raises."""
+    begin, start = time.time(), time.perf_counter()
     result: Result | MemoryError
     try:
         with limited_to(processors or processor_count()):
             result = function(item)
     except MemoryError as problem:
         result = problem
-    return time.perf_counter() - start, result
+    return Span(begin, time.perf_counter() - start), result
 
 
 def peak_bytes() -> int:

@@ -57,6 +57,7 @@ class DaskExecutor(Executor):
             self._connection = Reached(run, partial(at_scheduler, scheduler, scheduler_file, security), warm, store)
         self._submission = Submission(run, self._connection)
         self._offers: list[Speculation] = []
+        self._numbers: dict[str, int] = {}  # of workers, by address
         self._behind: list[Task] = []  # wait for speculative work for the same place
 
     def end_tree(self) -> None:
@@ -155,7 +156,8 @@ class DaskExecutor(Executor):
         """Tasks that are done, as soon as one is; speculative ones are not among them."""
         for done in self._submission.done(stage):
             if done.problem is None:
-                self.counted(done.task.stage, done.seconds, done.result)
+                worker = self._numbers.setdefault(done.address, len(self._numbers) + 1)
+                self.counted(done.task.stage, done.span, done.result, worker)
             if done.task.kind is Kind.SPECULATIVE:
                 self._end_speculative(done)
             else:

@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from pgcp.errors import InputError, SolveFailedError, StoppedError
 from pgcp.parallel import limited_to
+from pgcp.runtime.executors.base import Span
 from pgcp.runtime.executors.connection import Connection
 from pgcp.runtime.executors.work import Joining
 
@@ -45,12 +46,13 @@ class Task:
 
 
 class Done(NamedTuple):
-    """A task that is done, its seconds and its result; or the error that it raised."""
+    """A task that is done: when it was computed, its result and the address of its worker; or the error that it raised."""
 
     task: Task
-    seconds: float
+    span: Span
     result: Any
     problem: Exception | None
+    address: str = ""
 
 
 class Submission:
@@ -102,17 +104,17 @@ class Submission:
         for future in self._next_done(stage):
             task = self._active.pop(future)
             try:
-                address, seconds, result = future.result(timeout=self._connection.patience_s)
+                address, span, result = future.result(timeout=self._connection.patience_s)
             except Exception as problem:
                 if task.kind is Kind.SPECULATIVE or _is_of_task(future, problem):
-                    yield Done(task, 0.0, None, said(task.stage, problem))
+                    yield Done(task, Span(0.0, 0.0), None, said(task.stage, problem))
                 else:
                     self._submit_again(task, stage, problem)
                 continue
             future.release()  # else dask does the task again when the worker that holds its result is lost
             self._connection.has_worked(address)
             self._note_cache(task, address, result)
-            yield Done(task, seconds, result, None)
+            yield Done(task, span, result, None, address)
 
     def _submit_again(self, task: Task, stage: str, problem: Exception) -> None:
         self._connection.await_workers(stage, problem)
@@ -150,14 +152,14 @@ class Submission:
         self._active.clear()
 
 
-def _run_located(function: Callable[[Any], Any], item: Any, processors: int) -> tuple[str, float, Any]:
-    """Address of the worker that computes function(item), the seconds that this takes, and the result."""
+def _run_located(function: Callable[[Any], Any], item: Any, processors: int) -> tuple[str, Span, Any]:
+    """Address of the worker that computes function(item), when it does, and the result."""
     from distributed import get_worker
 
-    start = time.perf_counter()
+    begin, start = time.time(), time.perf_counter()
     with threadpool_limits(1), limited_to(processors):
         result = function(item)
-    return get_worker().address, time.perf_counter() - start, result
+    return get_worker().address, Span(begin, time.perf_counter() - start), result
 
 
 def _is_of_task(future: Any, problem: Exception) -> bool:

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from pgcp.options import Running
 from pgcp.parallel import processor_count
-from pgcp.runtime.executors.base import Executor, ExecutorKind, Progress, Take, silent, timed
+from pgcp.runtime.executors.base import Executor, ExecutorKind, Progress, Span, Take, silent, timed
 from pgcp.runtime.executors.work import Joining, Tasks
 
 _MOST_AT_ONCE = 4  # each needs memory for a patch
@@ -54,7 +54,7 @@ class LocalExecutor(Executor):
                 return
             share = max(1, processor_count() // threads)
             pool = ThreadPoolExecutor(threads)
-            begun: dict[Future[tuple[float, Any]], int] = {}
+            begun: dict[Future[tuple[Span, Any]], int] = {}
             try:
                 for k, call in enumerate(calls):
                     begun[pool.submit(copy_context().run, partial(timed, *call, share))] = k
