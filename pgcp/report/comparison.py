@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -92,6 +93,24 @@ def as_text(rows: Sequence[Compared]) -> str:
 
 def _aligned(cell: str, column: int, width: int) -> str:
     return cell.ljust(width) if column in (0, 1, len(_HEAD) - 1) else cell.rjust(width)
+
+
+def as_picture(rows: Sequence[Compared]) -> bytes:
+    """PNG bytes: a column for each row of the table, a checkerboard of its map above where its angles err, in common colours.
+
+    The last colour stands for the largest error that 99 % of the corners of the best map of a target keep.
+    """
+    from pgcp.report.picture import drawn_beside
+
+    best = best_of(rows)
+    limits = [row.result.quality.angle_p99_deg for row in best.values() if row.result is not None]
+    columns = [
+        (f"{row.method}, {row.target}{' (best)' if best.get(row.target) is row else ''}", row.result, row.problem)
+        for row in rows
+    ]
+    out = io.BytesIO()
+    drawn_beside(columns, max([*limits, 1e-9])).save(out, "png", compress_level=4)
+    return out.getvalue()
 
 
 def as_markdown(rows: Sequence[Compared]) -> str:

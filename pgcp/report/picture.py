@@ -8,7 +8,7 @@ from __future__ import annotations
 import colorsys
 import io
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -38,6 +38,7 @@ _WIDTH, _HEIGHT, _TITLE = 1100, 1068, 76  # of a panel with its caption, and of 
 _CAPTION, _TOP = 18, 1068 - PIXELS - 20
 _ROOM = 40, 52, _WIDTH - 40, _HEIGHT - 20
 _TINY = 1e-300
+_WHERE_ANGLES = "where angles err: |angle error| (degrees)"
 
 
 def _sample(faces: IntArray, most: int) -> tuple[IntArray, int]:
@@ -125,9 +126,9 @@ def _checkers(result: Parameterization, look: _Look, upright: FloatArray, log_si
     return _drawn(caption, look.seen_from, paint)
 
 
-def _angles(result: Parameterization, look: _Look) -> Image.Image:
-    """The surface, every face in the colour of its mean angle error."""
-    limit = max(result.quality.angle_p99_deg, 1e-9)
+def _angles(result: Parameterization, look: _Look, limit: float = 0.0, caption: str = _WHERE_ANGLES) -> Image.Image:
+    """The surface, every face in the colour of its mean angle error, up to a limit in degrees: that of 99 % if it is 0."""
+    limit = limit or max(result.quality.angle_p99_deg, 1e-9)
 
     def paint(face_ids: IntArray, weights: FloatArray) -> np.ndarray:
         """Colour of the angle error."""
@@ -136,7 +137,7 @@ def _angles(result: Parameterization, look: _Look) -> Image.Image:
         return look.lit(face_ids, weights, in_colours(errors / limit, HEAT)[place.reshape(-1)])
 
     axis = linear_axis(0.0, limit, (0.0, 0.0), 6)
-    return _drawn("where angles err: |angle error| (degrees)", look.seen_from, paint, lambda: Scale(axis, HEAT))
+    return _drawn(caption, look.seen_from, paint, lambda: Scale(axis, HEAT))
 
 
 def _areas(result: Parameterization, look: _Look) -> Image.Image:
@@ -282,6 +283,37 @@ def _panels(result: Parameterization, pool: ThreadPoolExecutor) -> list[Future[I
     sides = [] if plane else [pool.submit(on_sphere, side) for side in ("front", "back")]
     maps = [shaded(partial(_angles, result)), shaded(partial(_areas, result))]
     return [first, *flat, *sides, *maps, last, *curves]
+
+
+def drawn_beside(columns: Sequence[tuple[str, Parameterization | None, str]], limit: float) -> Image.Image:
+    """Maps of one surface beside each other: a checkerboard of each, and below where its angles err, in the same colours.
+
+    columns: a caption, the map, and why there is none; limit: the error in degrees that the last colour stands for.
+    """
+    sheet = Image.new("RGB", (_WIDTH * len(columns), 2 * _HEIGHT), "white")
+    for k, (caption, result, problem) in enumerate(columns):
+        panels = _without_map(caption, problem) if result is None else _two_panels(caption, result, limit)
+        for row, panel in enumerate(panels):
+            sheet.paste(panel, (_WIDTH * k, _HEIGHT * row))
+    return sheet.reduce(3)
+
+
+def _two_panels(caption: str, result: Parameterization, limit: float) -> tuple[Image.Image, Image.Image]:
+    mesh, image = result.mesh, result.coordinates
+    surface = view(mesh.vertices, mesh.faces, view_rotation(mesh.vertices, mesh.faces))
+    closed = TARGETS.get(result.target).space.closed
+    unit = 1.0 if closed else max(float(np.ptp(image, axis=0).max()), _TINY)
+    units = max(float(np.hypot(*surface.extent)), _TINY), unit
+    look = _look(surface, vertex_shapes(mesh.vertices, mesh.faces, image, units))
+    upright = np.ascontiguousarray(image @ surface.rotation[[2, 0, 1]].T) if closed else image
+    return (
+        _checkers(result, look, upright, math.log2(unit / _CHECKS), caption),
+        _angles(result, look, limit, f"mean |angle error| {result.quality.angle_mean_deg:.4f} degrees"),
+    )
+
+
+def _without_map(caption: str, problem: str) -> tuple[Image.Image, Image.Image]:
+    return _panel(caption), _panel(f"no map: {problem}")
 
 
 def _upright(mesh: Mesh, image: FloatArray) -> FloatArray:
