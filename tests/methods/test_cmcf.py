@@ -46,18 +46,18 @@ def flow_once(mesh, step):
 
 def test_a_sphere_stays_and_a_spheroid_becomes_one():
     mesh = icosphere(2)
-    assert moebius_distance(mapped(mesh).coordinates, mesh.vertices) < 1e-3
+    assert moebius_distance(mapped(mesh, flow_step=0.5).coordinates, mesh.vertices) < 1e-3
     errors = []
     for levels in (1, 2):
         surface, exact = spheroid(levels, 1.5)
-        errors.append(moebius_distance(mapped(surface).coordinates, exact))
-    assert errors[1] < 0.5 * errors[0] < 0.03
+        errors.append(moebius_distance(mapped(surface, flow_step=0.5).coordinates, exact))
+    assert errors[1] < 0.02 < 0.1 < errors[0]
 
 
 def test_cuts_do_not_matter():
     mesh = spheroid(2, 1.4)[0]
-    two, five = (mapped(mesh, patches=patches).coordinates for patches in (2, 5))
-    assert np.abs(two - five).max() < 1e-9
+    two, four = (mapped(mesh, patches=patches, flow_step=0.5).coordinates for patches in (2, 4))
+    assert np.abs(two - four).max() < 1e-9
 
 
 def test_the_smallest_surface_is_mapped():
@@ -66,11 +66,14 @@ def test_the_smallest_surface_is_mapped():
 
 def test_the_report_has_the_flow(tmp_path):
     pgcp.write_mesh(tmp_path / "ball.ply", spheroid(2, 1.5)[0])
-    assert main([str(tmp_path / "ball.ply"), "--method", "cmcf", "--flow-step", "0.05", "--patches", "2", "--quiet"]) == 0
+    assert (
+        main([str(tmp_path / "ball.ply"), "--method", "cmcf", "--flow-step", "0.4", "--no-png", "--patches", "2", "--quiet"])
+        == 0
+    )
     report = json.loads((tmp_path / "ball_pgcp" / "report.json").read_text())
     spreads = [step["spread"] for step in report["iterations"]]
     assert spreads[-1] < 0.02 < 0.1 < spreads[0]
-    assert (report["options"]["flow_step"], report["options"]["flow_steps"]) == (0.05, 100)
+    assert (report["options"]["flow_step"], report["options"]["flow_steps"]) == (0.4, 100)
     assert report["converged"] is True
 
 
