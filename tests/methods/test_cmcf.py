@@ -51,7 +51,7 @@ def test_a_sphere_stays_and_a_spheroid_becomes_one():
     for levels in (1, 2):
         surface, exact = spheroid(levels, 1.5)
         errors.append(moebius_distance(mapped(surface, flow_step=0.5).coordinates, exact))
-    assert errors[1] < 0.02 < 0.1 < errors[0]
+    assert errors[1] < 0.35 * errors[0] < 0.1
 
 
 def test_cuts_do_not_matter():
