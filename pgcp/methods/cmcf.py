@@ -27,7 +27,7 @@ from pgcp.surface.topology import used_vertices
 from pgcp.types import BoolArray, FloatArray, IntArray
 
 _ROUND = 0.2  # spread of the radii; that of a coarse surface at rest is not 0
-_STILL, _STEADY = 2e-5, 2e-2  # change of the energy in a unit of time, in itself and as a part of the energy
+_STILL, _STEADY = 1e-4, 2e-2  # change of the energy in a unit of time, in itself and as a part of the energy
 _ACCURATE, _TURNS = 1e-6, 200
 
 Solve = Callable[[FloatArray], FloatArray]
