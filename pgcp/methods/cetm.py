@@ -7,7 +7,7 @@ metric is laid out by its boundary and one harmonic solve.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from pgcp.errors import InputError, SolveFailedError
 from pgcp.interface.factor import InterfaceFactor
@@ -35,7 +35,10 @@ _MISFIT = 1e-3
 def _preconditioner(factor: InterfaceFactor, loop: IntArray, free: BoolArray) -> Precondition:
     """What solves the surface's own Laplacian for a load: the boundary held at 0, or free with one vertex held."""
     none = np.zeros(len(loop), np.complex128)
-    held_apart = cho_factor(factor.schur[1:, 1:], check_finite=False) if free[loop].any() else None
+    try:
+        held_apart = cho_factor(factor.schur[1:, 1:], check_finite=False) if free[loop].any() else None
+    except LinAlgError as problem:
+        raise SolveFailedError(f"the boundary system of {len(loop)} unknowns is not positive definite") from problem
 
     def precondition(load: FloatArray) -> FloatArray:
         """Factors (V,) of a load (V,)."""

@@ -64,7 +64,7 @@ def test_the_command_prints_the_table_and_writes_it(tmp_path, capsys):
     assert said[1].split()[:5] == ["target", "method", "mean", "sd", "max"]
     assert [line.split()[:2] for line in said[2:4]] == [["free", "scp"], ["disk", "cem"]]
     out = tmp_path / "hills_pgcp"
-    assert sorted(path.name for path in out.iterdir()) == ["compare.json", "compare.md"]
+    assert sorted(path.name for path in out.iterdir()) == ["compare.json", "compare.md", "compare.png"]
     told = json.loads((out / "compare.json").read_text())
     assert [row["method"] for row in told] == ["scp", "cem"]
     assert main([str(tmp_path / "hills.ply"), "--compare", "all", "--target", "disk", "--json"]) == 0

@@ -20,6 +20,7 @@ from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray
 _ROUNDS = 10
 _STEPS = 100
 _CLOSED = 1e-13
+_SPAN = 300.0  # of logarithms of lengths
 
 
 def integrated_curvature(
@@ -61,7 +62,7 @@ class BoundaryFlattening:
 
     def scaled(self, factors: FloatArray) -> FloatArray:
         """Lengths (n_B,) of the edges under scale factors u (n_B,)."""
-        return np.asarray(self.lengths * np.exp(0.5 * (factors + np.roll(factors, -1))), np.float64)
+        return np.asarray(self.lengths * np.exp(np.clip(0.5 * (factors + np.roll(factors, -1)), -_SPAN, _SPAN)), np.float64)
 
     def polygon(self, lengths: FloatArray, turning: FloatArray) -> ComplexArray:
         """Vertices (n_B,) of the closed polygon with given turning angles and edges as near to given lengths as can be."""
@@ -124,19 +125,29 @@ def closed_lengths(lengths: FloatArray, along: ComplexArray, weights: FloatArray
     Nearest by least squares, squares weighted by the inverse of ``weights`` (n,). Where that takes an edge below 0, nearest by
     relative entropy, which leaves all edges above. Raises SolveFailedError where no polygon has such directions.
     """
-    tangents = np.stack([along.real, along.imag])
+    try:
+        found = _closed(lengths, np.stack([along.real, along.imag]), weights)
+    except LinAlgError:  # all edges have one direction
+        found = None
+    if found is None:
+        raise SolveFailedError(
+            "the boundary cannot be closed with the turning angles that its scale factors ask for; choose --method pgcp or scp"
+        )
+    return found
+
+
+def _closed(lengths: FloatArray, tangents: FloatArray, weights: FloatArray) -> FloatArray | None:
+    """See ``closed_lengths``; tangents (2, n). None where steps run out."""
     weighted = tangents * weights
     nearest = lengths - weighted.T @ np.linalg.solve(weighted @ tangents.T, tangents @ lengths)
     if (nearest > 0.0).all():
         return np.asarray(nearest, np.float64)
     tilt = np.zeros(2)
     for _ in range(_STEPS):
-        scaled = lengths * np.exp(np.clip(tilt @ tangents, -300.0, 300.0))
+        scaled = lengths * np.exp(np.clip(tilt @ tangents, -_SPAN, _SPAN))
         gap = tangents @ scaled
         if np.linalg.norm(gap) <= _CLOSED * scaled.sum():
             return np.asarray(scaled, np.float64)
         step = np.linalg.solve((tangents * scaled) @ tangents.T, gap)
         tilt = tilt - step * min(1.0, 1.0 / float(np.linalg.norm(step)))
-    raise SolveFailedError(
-        "the boundary cannot be closed with the turning angles that its scale factors ask for; choose --method pgcp or scp"
-    )
+    return None
