@@ -233,9 +233,8 @@ def parameterize(
     finish; the logger ``pgcp`` hears of stages too. The other options are those of ``Options`` (what is computed) and
     ``Running`` (where and how), and those that only the method has.
 
-    Raises InputError (and its kinds) for input that cannot be mapped, NumericalError where a step fails; FoldError,
-    whose ``result`` holds the map, where the finished map has folded faces; StoppedError where workers, scheduler or store
-    are lost.
+    Raises InputError (and its kinds) for input that cannot be mapped, NumericalError where a step fails; FoldError, whose
+    ``result`` holds the map, where that has folded faces; StoppedError where workers, scheduler or store are lost.
     """
     if own:
         check_names(own, [f.name for kind in (Options, Running) for f in fields(kind) if f.name != "own"] + [*own_options()])

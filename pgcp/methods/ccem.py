@@ -14,9 +14,9 @@ from typing import Protocol
 import numpy as np
 from scipy.sparse import csr_array
 
-from pgcp.elimination.dirichlet import DirichletFactor
+from pgcp.elimination.sparse_boundary import AnyFactor, AnySchur
 from pgcp.methods.base import Method, whole
-from pgcp.methods.cem import cem_boundary
+from pgcp.methods.cem import better_start, cem_boundary
 from pgcp.methods.common.boundary_energy import (
     CLOSEST,
     Descent,
@@ -33,7 +33,7 @@ from pgcp.types import FloatArray
 ITERATIONS = 200
 TOLERANCE = 1e-7
 
-Descend = Callable[[FloatArray, FloatArray, int, float], Descent]
+Descend = Callable[[AnySchur, FloatArray, int, float], Descent]
 
 
 class Unknowns(Protocol):
@@ -51,9 +51,7 @@ class Unknowns(Protocol):
         """Gradient by the unknowns from the gradient by the angles."""
         ...
 
-    def first_step(
-        self, schur: FloatArray, x: FloatArray, gradient: FloatArray, direction: FloatArray, iteration: int
-    ) -> float:
+    def first_step(self, schur: AnySchur, x: FloatArray, gradient: FloatArray, direction: FloatArray, iteration: int) -> float:
         """Length of the step that is tried first."""
         ...
 
@@ -77,9 +75,7 @@ class LogGaps:
         behind = np.append(np.cumsum(gradient[:0:-1])[::-1], 0.0)
         return np.asarray(gaps * (behind - gaps @ behind / (2.0 * np.pi)), np.float64)
 
-    def first_step(
-        self, schur: FloatArray, x: FloatArray, gradient: FloatArray, direction: FloatArray, iteration: int
-    ) -> float:
+    def first_step(self, schur: AnySchur, x: FloatArray, gradient: FloatArray, direction: FloatArray, iteration: int) -> float:
         """The quasi-Newton direction itself."""
         return 1.0
 
@@ -90,7 +86,7 @@ class LogGaps:
 
 
 def descend(
-    schur: FloatArray, start: FloatArray, kind: Unknowns, choose: Direction, iterations: int, tolerance: float
+    schur: AnySchur, start: FloatArray, kind: Unknowns, choose: Direction, iterations: int, tolerance: float
 ) -> Descent:
     """Descend until an iteration gains less than ``tolerance``, its angles (n_B,) written in unknowns of some kind."""
 
@@ -124,9 +120,7 @@ def descend(
     return Descent(kind.angles(x), tuple(steps), False)
 
 
-def descend_in_order(
-    schur: FloatArray, start: FloatArray, iterations: int = ITERATIONS, tolerance: float = TOLERANCE
-) -> Descent:
+def descend_in_order(schur: AnySchur, start: FloatArray, iterations: int = ITERATIONS, tolerance: float = TOLERANCE) -> Descent:
     """Minimise E_C over boundaries in order: Algorithm 4.2 on the logarithms of the gaps between neighbours.
 
     schur (n_B, n_B); start (n_B,) increasing through one turn, as all iterates do.
@@ -135,7 +129,7 @@ def descend_in_order(
 
 
 def ccem_map(
-    factor: DirichletFactor,
+    factor: AnyFactor,
     block: csr_array,
     start: FloatArray,
     descent: Descend = descend_in_order,
@@ -154,7 +148,8 @@ def ccem_map(
 
 
 def _map(disk: Disk) -> DiskMap:
-    return of_energy(ccem_map(disk.factor, disk.boundary_block(), disk.start_angles()))
+    block = disk.boundary_block()
+    return of_energy(ccem_map(disk.factor, block, better_start(disk.factor.schur, block, disk.starts())))
 
 
 METHOD = Method(

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pgcp.elimination.dirichlet import DirichletFactor
+from pgcp.elimination.sparse_boundary import AnyFactor
 from pgcp.errors import SolveFailedError
 from pgcp.methods.base import Method, whole
 from pgcp.methods.common.disk import Disk, DiskMap, map_disk
@@ -60,7 +60,7 @@ class ConstructiveMap:
     omega: complex
 
 
-def cdcp_map(mesh: Mesh, boundary: IntArray, factor: DirichletFactor, centre: int, corrected: bool = True) -> ConstructiveMap:
+def cdcp_map(mesh: Mesh, boundary: IntArray, factor: AnyFactor, centre: int, corrected: bool = True) -> ConstructiveMap:
     """Map a disk-like surface conformally to the unit disk (CDCP Algorithm 1, lines 5-11).
 
     boundary (n_B,) the loop, counter-clockwise; factor: the Laplacian's, boundary last; centre: the central face. The

@@ -2,7 +2,8 @@
 
 One step moves every boundary vertex to where it is harmonic, the interior held, L_BB w = -L_BI f_I, and puts the boundary
 back on the circle, its mean at 0, so that it cannot shrink to a point. With the interior harmonic, -L_BI f_I is
-(L_BB - S) f_B. There is no line search: the energy may rise, and the boundary may lose its order.
+(L_BB - S) f_B. There is no line search: the energy may rise, and the boundary may lose its order. The start decides where it
+ends; of two, the boundary of the double cover's harmonic map and the boundary by its length, the better one is taken.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import numpy as np
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
-from pgcp.elimination.dirichlet import DirichletFactor
+from pgcp.elimination.sparse_boundary import AnyFactor, AnySchur
 from pgcp.errors import SolveFailedError
 from pgcp.methods.base import Method, whole
 from pgcp.methods.common.boundary_energy import (
@@ -37,7 +38,7 @@ _ROUNDING = 1e-13
 
 
 def cem_boundary(
-    schur: FloatArray, block: csr_array, start: FloatArray, iterations: int = ITERATIONS, tolerance: float = TOLERANCE
+    schur: AnySchur, block: csr_array, start: FloatArray, iterations: int = ITERATIONS, tolerance: float = TOLERANCE
 ) -> Descent:
     """Iterate from increasing angles (n_B,) until the energy changes by less than ``tolerance``.
 
@@ -78,14 +79,22 @@ def _has_interior(block: csr_array) -> bool:
     return bool(np.abs(block.sum(axis=1)).max() > _ROUNDING * np.abs(block.data).max())
 
 
-def cem_map(factor: DirichletFactor, block: csr_array, start: FloatArray) -> EnergyMap:
+def better_start(schur: AnySchur, block: csr_array, starts: tuple[FloatArray, ...]) -> FloatArray:
+    """The one of several starts (n_B,) from which CEM comes to the least energy; the first of those that come to the same."""
+    if len(starts) == 1:
+        return starts[0]
+    return min(starts, key=lambda start: min(step.energy for step in cem_boundary(schur, block, start).steps))
+
+
+def cem_map(factor: AnyFactor, block: csr_array, start: FloatArray) -> EnergyMap:
     """Map a disk-like surface to the unit disk by CEM; arguments as ``ccem_map``'s."""
     found = cem_boundary(factor.schur, block, start)
     return EnergyMap(extended(factor, found.angles), found.steps, found.converged)
 
 
 def _map(disk: Disk) -> DiskMap:
-    return of_energy(cem_map(disk.factor, disk.boundary_block(), disk.start_angles()))
+    block = disk.boundary_block()
+    return of_energy(cem_map(disk.factor, block, better_start(disk.factor.schur, block, disk.starts())))
 
 
 def _map_either(run: Run, parts: Parts) -> Mapped:

@@ -15,24 +15,18 @@ import numpy as np
 
 from pgcp.errors import SolveFailedError
 from pgcp.methods.base import Method, whole
-from pgcp.methods.common.boundary_energy import on_circle
+from pgcp.methods.common.boundary_energy import angles_by_length, on_circle
 from pgcp.methods.common.kept import KeptDisk, as_mapped, first_of, harmonic, rim_of
 from pgcp.patches.mapped import Mapped
 from pgcp.patches.run import Run
 from pgcp.patches.stored import Parts
 from pgcp.plane.space import PLANE, map_coefficients
 from pgcp.surface.topology import used_vertices
-from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh
+from pgcp.types import ComplexArray, IntArray, Mesh
 
 NORTH, SOUTH, FEWEST = 5, 100, 100
 TOLERANCE = 1e-5
 ITERATIONS = 5
-
-
-def angles_by_length(corners: FloatArray) -> FloatArray:
-    """Angles (n_B,) from 0 of a closed polygon in space (n_B, 3) put on the circle by its edge lengths."""
-    lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
-    return np.concatenate([[0.0], np.cumsum(lengths[:-1])]) * (2.0 * np.pi / lengths.sum())
 
 
 def coefficients_of_inverse(mesh: Mesh, z: ComplexArray) -> ComplexArray:

@@ -72,7 +72,7 @@ def _map(run: Run, parts: Parts) -> Mapped:
         for k, (energy, size) in enumerate(best.steps)
     ]
     none = np.empty(0, np.int64)
-    return as_mapped(run, parts, best.points, none, {}, iterations=iterations, converged=best.converged)
+    return as_mapped(run, parts, best.points, none, None, iterations=iterations, converged=best.converged)
 
 
 METHOD = Method(

@@ -8,7 +8,8 @@ from meshes import cap, grid, lifted
 from oracles import moebius_distance
 
 import pgcp
-from pgcp.methods.fdcp import angles_by_length, coefficients_of_inverse, least_bent_edge
+from pgcp.methods.common.boundary_energy import angles_by_length
+from pgcp.methods.fdcp import coefficients_of_inverse, least_bent_edge
 from pgcp.surface.beltrami import folded_faces
 from pgcp.types import Mesh
 

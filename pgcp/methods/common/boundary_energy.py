@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pgcp.elimination.dirichlet import DirichletFactor
+from pgcp.elimination.sparse_boundary import AnyFactor, AnySchur
 from pgcp.errors import SolveFailedError
 from pgcp.types import ComplexArray, FloatArray
 
@@ -50,6 +50,12 @@ def plain_steps(steps: tuple[Step, ...]) -> list[dict[str, Any]]:
     return [asdict(step) for step in steps]
 
 
+def angles_by_length(corners: FloatArray) -> FloatArray:
+    """Angles (n_B,) from 0 of a closed polygon in space (n_B, 3) put on the circle by its edge lengths."""
+    lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+    return np.concatenate([[0.0], np.cumsum(lengths[:-1])]) * (2.0 * np.pi / lengths.sum())
+
+
 def on_circle(angles: FloatArray) -> ComplexArray:
     """Points exp(i theta) (n_B,) of the unit circle."""
     z: ComplexArray = np.exp(1j * angles)
@@ -73,14 +79,14 @@ def increasing_angles(z: ComplexArray) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(gaps[:-1])])
 
 
-def apply_energy_matrix(schur: FloatArray, z: ComplexArray) -> ComplexArray:
+def apply_energy_matrix(schur: AnySchur, z: ComplexArray) -> ComplexArray:
     """H z (n_B,), the gradient of 1/2 z^* H z by the real and imaginary parts of z."""
     product = schur @ np.column_stack([z.real, z.imag])
     out: ComplexArray = product[:, 0] + 1j * product[:, 1] + 0.5j * (np.roll(z, -1) - np.roll(z, 1))
     return out
 
 
-def energy_and_gradient(schur: FloatArray, angles: FloatArray) -> tuple[float, FloatArray]:
+def energy_and_gradient(schur: AnySchur, angles: FloatArray) -> tuple[float, FloatArray]:
     """E_C and its gradient (n_B,) by the angles (CCEM eq. 3.17, 4.1): Im(conj(z) H z)."""
     z = on_circle(angles)
     pulled = np.conj(z) * apply_energy_matrix(schur, z)
@@ -101,14 +107,14 @@ class EnergyMap:
     converged: bool
 
 
-def _is_conformal(schur: FloatArray, angles: FloatArray) -> bool:
+def _is_conformal(schur: AnySchur, angles: FloatArray) -> bool:
     """Whether the conformal energy is small beside the area inside the boundary, as that of an obtuse triangle is."""
     z = on_circle(angles)
     area = 0.5 * float(np.imag(z.conj() * np.roll(z, -1)).sum())
     return energy_and_gradient(schur, angles)[0] < _CONFORMAL * area
 
 
-def extended(factor: DirichletFactor, angles: FloatArray) -> ComplexArray:
+def extended(factor: AnyFactor, angles: FloatArray) -> ComplexArray:
     """Positions (n,) from boundary angles; neighbours in order but too close to be told apart are spread out."""
     gaps = circle_gaps(angles)
     if gaps.max() > np.pi and not _is_conformal(factor.schur, angles):

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
+from pgcp.elimination.sparse_boundary import SparseFactor, stays_sparse
 from pgcp.interface.factor import InterfaceFactor
 from pgcp.interface.whole_mesh import eliminated
-from pgcp.methods.common.boundary_energy import EnergyMap, plain_steps
+from pgcp.methods.common.boundary_energy import EnergyMap, angles_by_length, plain_steps
 from pgcp.methods.common.double_cover import central_face, harmonic_boundary, late_heat, start_angles
 from pgcp.methods.common.kept import as_mapped
 from pgcp.patches.mapped import Mapped
@@ -28,8 +29,14 @@ class Disk:
 
     run: Run
     loop: IntArray
-    factor: InterfaceFactor
+    factor: InterfaceFactor | SparseFactor
     centre: int
+
+    def starts(self) -> tuple[FloatArray, ...]:
+        """The starts (n_B,) of CEM: that of the double cover, and the boundary by its length; one alone where it is exact."""
+        mesh = self.run.mesh
+        first = self.start_angles()
+        return (first,) if len(mesh.faces) == 1 else (first, angles_by_length(mesh.vertices[self.loop]))
 
     def start_angles(self) -> FloatArray:
         """Boundary angles (n_B,) of the harmonic map of the double cover, increasing through one turn; exact for one face."""
@@ -67,10 +74,20 @@ def of_energy(found: EnergyMap) -> DiskMap:
     return DiskMap(found.z, {"iterations": plain_steps(found.steps), "converged": found.converged})
 
 
+def _factor(run: Run, parts: Parts) -> InterfaceFactor | SparseFactor:
+    """The Laplacian with its boundary last, sparse where the boundary is not small beside the interior."""
+    mesh, loop = run.mesh, run.boundary
+    if not stays_sparse(len(loop), len(mesh.vertices)):
+        return eliminated(run, parts, loop)
+    with run.clock.stage("eliminate"):
+        laplacian = cotangent_laplacian(mesh.vertices, mesh.faces, run.mollification)
+        return SparseFactor(laplacian, loop, used_vertices(mesh))
+
+
 def map_disk(run: Run, parts: Parts, find: Callable[[Disk], DiskMap]) -> Mapped:
     """Eliminate the mesh up to its boundary, have ``find`` map it, and see what became of the patches."""
     mesh, loop = run.mesh, run.boundary
-    factor = eliminated(run, parts, loop)
+    factor = _factor(run, parts)
     with run.clock.stage("centre"):
         centre = central_face(mesh.vertices, mesh.faces, late_heat(loop, used_vertices(mesh), factor))
     with run.clock.stage("map"):

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from pgcp.elimination.dirichlet import DirichletFactor
+from pgcp.elimination.sparse_boundary import AnyFactor, AnySchur, SparseSchur
 from pgcp.errors import CrowdedError, SolveFailedError
 from pgcp.methods.common.boundary_energy import goes_round_once, increasing_angles
 from pgcp.plane.geodesic import geodesic_map
@@ -20,7 +20,7 @@ _SMALLEST_GAP = 2e-14
 _STOUT = 0.1
 
 
-def late_heat(boundary: IntArray, used: BoolArray, factor: DirichletFactor) -> FloatArray:
+def late_heat(boundary: IntArray, used: BoolArray, factor: AnyFactor) -> FloatArray:
     """Heat (n,) from a boundary (n_B,) at 1 after a long time, its first value taken off and time times as large.
 
     used (n,): vertices that some face uses; what the others are given goes nowhere.
@@ -32,7 +32,7 @@ def late_heat(boundary: IntArray, used: BoolArray, factor: DirichletFactor) -> F
     load[boundary] += 1.0
     reduced = factor.reduce(load).real
     on_boundary = np.zeros(len(boundary), np.complex128)
-    on_boundary[1:] = solve_symmetric(factor.schur[1:, 1:], reduced[1:, None])[:, 0]
+    on_boundary[1:] = solve_pinned(factor.schur, reduced[1:, None])[:, 0]
     return np.asarray(factor.solve(load, on_boundary).real, np.float64)
 
 
@@ -77,6 +77,13 @@ def solve_symmetric(matrix: FloatArray, right: FloatArray) -> FloatArray:
         raise SolveFailedError(f"a boundary system of {len(matrix)} unknowns is not positive definite") from problem
 
 
+def solve_pinned(schur: AnySchur, right: FloatArray) -> FloatArray:
+    """Values (n_B - 1, k) under loads (n_B - 1, k) on all boundary vertices but the first, which is held at 0."""
+    if isinstance(schur, SparseSchur):
+        return schur.solve_pinned(right)
+    return solve_symmetric(schur[1:, 1:], right)
+
+
 def dipole(corners: FloatArray) -> ComplexArray:
     """Right-hand side (3,) at the corners (3, 3) of the face that holds the pole (CDCP eq. 17)."""
     i, j, k = corners
@@ -87,7 +94,7 @@ def dipole(corners: FloatArray) -> ComplexArray:
     return np.array([-1.0 / length, 1.0 / length, 0.0]) + 1j * np.array([1.0 - alpha, alpha, -1.0]) / height
 
 
-def harmonic_boundary(vertices: FloatArray, face: IntArray, factor: DirichletFactor) -> ComplexArray:
+def harmonic_boundary(vertices: FloatArray, face: IntArray, factor: AnyFactor) -> ComplexArray:
     """Boundary (n_B,) of the reduced spherical harmonic map (CDCP eq. 18), its mean at 0, with the pole on ``face`` (3,).
 
     It goes clockwise: the surface lies outside, its pole at infinity.
@@ -98,7 +105,7 @@ def harmonic_boundary(vertices: FloatArray, face: IntArray, factor: DirichletFac
     # the dipole sums to 0: what rounding leaves over would all go out through the pinned vertex
     reduced = reduced - reduced.mean()
     # one value is free (their h_B(1) = 0); the pinned rest is definite
-    solved = solve_symmetric(factor.schur[1:, 1:], np.column_stack([reduced.real, reduced.imag])[1:])
+    solved = solve_pinned(factor.schur, np.column_stack([reduced.real, reduced.imag])[1:])
     h: ComplexArray = np.concatenate([[0.0], solved[:, 0] + 1j * solved[:, 1]])
     return h - h.mean()
 

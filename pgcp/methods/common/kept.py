@@ -116,7 +116,7 @@ class KeptDisk:
 
 
 def as_mapped(
-    run: Run, parts: Parts, points: Positions, held: IntArray, interface: dict[str, object], **details: object
+    run: Run, parts: Parts, points: Positions, held: IntArray, interface: dict[str, object] | None, **details: object
 ) -> Mapped:
     """A finished map (V,) of the undivided mesh; what the report says: held vertices (n,), the interface, details."""
     mu = map_coefficients(run.target.space, run.mesh, run.mesh.faces, points)
