@@ -7,7 +7,8 @@ S g = r, since (g, u_I) solves L u = (r, 0).
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import csc_array, csr_array
@@ -25,23 +26,36 @@ def stays_sparse(boundary_count: int, vertex_count: int) -> bool:
     return boundary_count >= _LEAST and boundary_count**2 > _TIMES * vertex_count
 
 
-def sparse_solver(matrix: csr_array) -> Any:
+class SparseSolver(Protocol):
+    """A sparse symmetric system that can be solved."""
+
+    def solve(self, load: FloatArray) -> FloatArray:
+        """The solution (n, k) for loads (n, k)."""
+        ...
+
+
+def sparse_solver(matrix: csr_array) -> SparseSolver:
     """A sparse factor of a symmetric matrix, its ``solve`` for columns; raises SolveFailedError where it is singular."""
     try:
-        return splu(csc_array(matrix), "MMD_AT_PLUS_A", 0.0, options={"SymmetricMode": True})
+        solver: Any = splu(csc_array(matrix), "MMD_AT_PLUS_A", 0.0, options={"SymmetricMode": True})
     except RuntimeError as problem:
         raise SolveFailedError(f"a sparse system of {matrix.shape[0]} unknowns is singular") from problem
+    made: SparseSolver = solver
+    return made
+
+
+Make = Callable[[csr_array], SparseSolver]
 
 
 class SparseSchur:
     """The Schur complement (n_B, n_B) of a Laplacian on its boundary, as what is done with it; ``@`` applies it to columns."""
 
-    def __init__(self, laplacian: csr_array, interior: IntArray, boundary: IntArray) -> None:
-        self._laplacian, self._interior, self._boundary = laplacian, interior, boundary
+    def __init__(self, laplacian: csr_array, interior: IntArray, boundary: IntArray, make: Make) -> None:
+        self._laplacian, self._interior, self._boundary, self._make = laplacian, interior, boundary, make
         self._block = laplacian[boundary][:, boundary]
         self.to_boundary = laplacian[boundary][:, interior]
-        self._within = sparse_solver(laplacian[interior][:, interior]) if len(interior) else None
-        self._pinned: Any = None
+        self._within = make(laplacian[interior][:, interior]) if len(interior) else None
+        self._pinned: SparseSolver | None = None
 
     def __len__(self) -> int:
         return len(self._boundary)
@@ -57,19 +71,22 @@ class SparseSchur:
         """Values (n_B - 1, k) of all boundary vertices but the first, which is held at 0, under loads (n_B - 1, k) on them."""
         if self._pinned is None:
             free = np.concatenate([self._boundary[1:], self._interior])
-            self._pinned = sparse_solver(self._laplacian[free][:, free])
+            self._pinned = self._make(self._laplacian[free][:, free])
         all_load = np.concatenate([load, np.zeros((len(self._interior), load.shape[1]))])
         return np.asarray(self._pinned.solve(all_load)[: len(load)], np.float64)
 
 
 class SparseFactor:
-    """What a DirichletFactor does, its ``schur`` sparse; used (n,) says which vertices some face uses."""
+    """What a DirichletFactor does, its ``schur`` sparse; used (n,) says which vertices some face uses.
 
-    def __init__(self, laplacian: csr_array, boundary: IntArray, used: BoolArray) -> None:
+    make: what makes solvers of its sparse systems.
+    """
+
+    def __init__(self, laplacian: csr_array, boundary: IntArray, used: BoolArray, make: Make = sparse_solver) -> None:
         inside = used.copy()
         inside[boundary] = False
         self._interior, self._boundary, self._size = np.flatnonzero(inside), boundary, len(used)
-        self.schur = SparseSchur(laplacian, self._interior, boundary)
+        self.schur = SparseSchur(laplacian, self._interior, boundary, make)
 
     def extend(self, boundary_values: ComplexArray) -> ComplexArray:
         """Values (n,) of the harmonic function with the given ones on the boundary (n_B,)."""

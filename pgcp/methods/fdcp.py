@@ -65,9 +65,10 @@ def _north(run: Run, parts: Parts, z: ComplexArray) -> ComplexArray:
     held[loop] = False
     half = _to_half_plane(z)
     disk = KeptDisk(run, parts, rim_of(held, mesh.faces))
-    sliding = np.isin(disk.kept, loop) & ~np.isin(disk.kept, ends)
-    x = harmonic(disk.schur, ~sliding, half[disk.kept].real.astype(np.complex128)).real
-    y = np.where(np.isin(disk.kept, loop), 0.0, half[disk.kept].imag)
+    along_line = np.isin(disk.kept, loop)
+    still, there = held[disk.kept], half[disk.kept]
+    x = harmonic(disk.schur, still | np.isin(disk.kept, ends), there.real.astype(np.complex128)).real
+    y = harmonic(disk.schur, still | along_line, np.where(along_line, 0.0, there.imag).astype(np.complex128)).real
     moved = disk.extend(x + 1j * y)
     moved[held] = half[held]
     disk.release()
@@ -86,7 +87,7 @@ def _to_half_plane(z: ComplexArray) -> ComplexArray:
     return 1j * (1.0 + z) / np.where(np.abs(away) > smallest, away, smallest)
 
 
-def _south(run: Run, parts: Parts, z: ComplexArray) -> tuple[ComplexArray, dict[str, object]]:
+def _south(run: Run, parts: Parts, z: ComplexArray) -> tuple[ComplexArray, dict[str, object] | None]:
     """One south-pole step on a disk map z (V,), and what the report says of its elimination."""
     mesh, loop = run.mesh, run.boundary
     used = used_vertices(mesh)
@@ -114,7 +115,7 @@ def _map(run: Run, parts: Parts) -> Mapped:
     mesh, loop = run.mesh, run.boundary
     plain = KeptDisk(run, parts, np.empty(0, np.int64))
     with run.clock.stage("map"):
-        z = plain.extend(on_circle(angles_by_length(mesh.vertices[loop])))
+        z = plain.within(on_circle(angles_by_length(mesh.vertices[loop])))
     record = plain.release()
     z = best = _checked(_north(run, parts, z))
     bent = [_bent(run, z)]

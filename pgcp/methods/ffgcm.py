@@ -67,8 +67,9 @@ def _map(run: Run, parts: Parts) -> Mapped:
         if folds == 0:
             break
     assert best is not None
+    # the conformal energy is the Dirichlet energy less the sphere's area
     iterations = [
-        {"method": f"ffgcm, {came_from}", "iteration": k, "energy": energy, "gradient_norm": size}
+        {"method": f"ffgcm, {came_from}", "iteration": k, "energy": energy - 4.0 * np.pi, "gradient_norm": size}
         for k, (energy, size) in enumerate(best.steps)
     ]
     none = np.empty(0, np.int64)

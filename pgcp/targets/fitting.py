@@ -48,6 +48,8 @@ class Asked:
         flat, round_ones = (_names(closed) for closed in (False, True))
         if topology.is_disk or topology.is_sphere:
             use = " or ".join(round_ones if topology.is_sphere else flat)
+            if self.name == AUTO and self.among is not None:
+                return f", and the method maps to the {' and the '.join(self.among)} only; use a method with the target {use}"
             return f", which the target {self.name} does not fit; use target {use}"
         need = "need" if len(flat) > 1 else "needs"
         return (

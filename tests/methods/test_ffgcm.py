@@ -103,6 +103,16 @@ def test_open_surfaces_are_not_for_it():
         pgcp.parameterize(cap(3)[0], method="ffgcm", target="sphere")
 
 
+def test_without_a_target_the_refusal_says_what_the_method_maps_to():
+    with pytest.raises(pgcp.InputError, match="the method maps to the sphere only; use a method with the target free or disk"):
+        pgcp.parameterize(cap(3)[0], method="ffgcm")
+
+
+def test_the_report_has_the_conformal_energy():
+    result = pgcp.parameterize(spheroid(2, 1.2)[0], method="ffgcm", patches=2)
+    assert abs(result.report["iterations"][-1]["energy"]) < 0.5
+
+
 def test_a_real_mesh_has_smaller_errors_than_by_flash(mesh_folder):
     """shared/meshes/PEERS.md."""
     quality = pgcp.parameterize(pgcp.read_mesh(mesh_folder / "closed" / "spot.ply"), method="ffgcm").quality

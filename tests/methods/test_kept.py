@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from meshes import grid, lifted
 
+import pgcp
 from pgcp.elimination.dirichlet import eliminate_interior
 from pgcp.errors import SolveFailedError
+from pgcp.methods.common import kept
 from pgcp.methods.common.kept import KeptDisk, first_of, harmonic, rim_of
 from pgcp.surface.operators import cotangent_laplacian
 from pgcp.surface.topology import examine
@@ -71,3 +73,14 @@ def test_inner_vertices_that_are_kept_change_no_disk_map():
     disk, plain = _Whole(mesh, np.array([30, 31, 40])), _Whole(mesh, np.empty(0, int))
     circle = np.exp(2j * np.pi * np.arange(len(disk.loop)) / len(disk.loop))
     assert np.abs(disk.within(circle) - plain.within(circle)).max() < 1e-13
+
+
+@pytest.mark.parametrize("method", ["fdcp", "ldm"])
+def test_a_sparse_operator_leads_to_the_same_map(method, monkeypatch):
+    mesh, maps = lifted(grid(12), 0.5), []
+    for sparse in (False, True):
+        monkeypatch.setattr(kept, "stays_sparse", lambda boundary, vertices, sparse=sparse: sparse)
+        result = pgcp.parameterize(mesh, method=method, target="disk", patches=2)
+        assert (result.report["interface"] is None) == sparse
+        maps.append(result.coordinates)
+    assert np.abs(maps[0] - maps[1]).max() < 1e-9

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from pgcp.elimination.sparse_boundary import SparseFactor, stays_sparse
+from pgcp.elimination.sparse_boundary import Make, SparseFactor, sparse_solver, stays_sparse
 from pgcp.interface.factor import InterfaceFactor
 from pgcp.interface.whole_mesh import eliminated
 from pgcp.methods.common.boundary_energy import EnergyMap, angles_by_length, plain_steps
@@ -74,20 +74,23 @@ def of_energy(found: EnergyMap) -> DiskMap:
     return DiskMap(found.z, {"iterations": plain_steps(found.steps), "converged": found.converged})
 
 
-def _factor(run: Run, parts: Parts) -> InterfaceFactor | SparseFactor:
-    """The Laplacian with its boundary last, sparse where the boundary is not small beside the interior."""
+def _factor(run: Run, parts: Parts, make: Make | None) -> InterfaceFactor | SparseFactor:
+    """The Laplacian, boundary last; sparse where the boundary is not small beside the interior, or a solver is given."""
     mesh, loop = run.mesh, run.boundary
-    if not stays_sparse(len(loop), len(mesh.vertices)):
+    if make is None and not stays_sparse(len(loop), len(mesh.vertices)):
         return eliminated(run, parts, loop)
     with run.clock.stage("eliminate"):
         laplacian = cotangent_laplacian(mesh.vertices, mesh.faces, run.mollification)
-        return SparseFactor(laplacian, loop, used_vertices(mesh))
+        return SparseFactor(laplacian, loop, used_vertices(mesh), make or sparse_solver)
 
 
-def map_disk(run: Run, parts: Parts, find: Callable[[Disk], DiskMap]) -> Mapped:
-    """Eliminate the mesh up to its boundary, have ``find`` map it, and see what became of the patches."""
+def map_disk(run: Run, parts: Parts, find: Callable[[Disk], DiskMap], make: Make | None = None) -> Mapped:
+    """Eliminate the mesh up to its boundary, have ``find`` map it, and see what became of the patches.
+
+    make: what makes solvers of the undivided mesh's sparse systems, where these are to take the place of the elimination.
+    """
     mesh, loop = run.mesh, run.boundary
-    factor = _factor(run, parts)
+    factor = _factor(run, parts, make)
     with run.clock.stage("centre"):
         centre = central_face(mesh.vertices, mesh.faces, late_heat(loop, used_vertices(mesh), factor))
     with run.clock.stage("map"):

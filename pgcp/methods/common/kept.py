@@ -7,7 +7,9 @@ vertices kept in one copy and those in the other is made of two copies of the su
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_array
 
+from pgcp.elimination.sparse_boundary import sparse_solver, stays_sparse
 from pgcp.interface.factor import InterfaceFactor
 from pgcp.interface.whole_mesh import eliminated, seen_on_the_final_map
 from pgcp.methods.common.double_cover import solve_symmetric
@@ -16,6 +18,8 @@ from pgcp.patches.run import Run
 from pgcp.patches.stored import Parts
 from pgcp.patches.types import SeamPositions, SolveReport
 from pgcp.plane.space import map_coefficients
+from pgcp.surface.operators import cotangent_laplacian
+from pgcp.surface.topology import used_vertices
 from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh, Positions
 
 _DIGITS = 2.0**-26
@@ -58,7 +62,7 @@ def harmonic_with(run: Run, parts: Parts, kept: IntArray, values: ComplexArray) 
     return out, record
 
 
-def harmonic(matrix: FloatArray, held: BoolArray, values: ComplexArray) -> ComplexArray:
+def harmonic(matrix: FloatArray | csr_array, held: BoolArray, values: ComplexArray) -> ComplexArray:
     """Values (n,) with no load where they are not held (n,), as they are elsewhere; matrix (n, n) symmetric.
 
     Raises SolveFailedError where the matrix of those not held is not positive definite.
@@ -66,25 +70,45 @@ def harmonic(matrix: FloatArray, held: BoolArray, values: ComplexArray) -> Compl
     out = np.where(held, values, 0.0)
     if held.all():
         return out
-    load = matrix[np.ix_(~held, held)] @ np.column_stack([out[held].real, out[held].imag])
-    solved = solve_symmetric(matrix[np.ix_(~held, ~held)], -load)
+    columns = np.column_stack([out[held].real, out[held].imag])
+    if isinstance(matrix, csr_array):
+        rows = matrix[~held]
+        solved = sparse_solver(rows[:, ~held]).solve(-(rows[:, held] @ columns))
+    else:
+        solved = solve_symmetric(matrix[np.ix_(~held, ~held)], -(matrix[np.ix_(~held, held)] @ columns))
     out[~held] = solved[:, 0] + 1j * solved[:, 1]
     return out
 
 
 class KeptDisk:
-    """A disk-like surface with all eliminated but its boundary loop (n_B,) and inner vertices (n_R,), ascending."""
+    """A disk-like surface with all eliminated but its boundary loop (n_B,) and inner vertices (n_R,), ascending.
+
+    Where the boundary is not small beside the interior nothing is eliminated: all vertices are kept, the operator is sparse.
+    """
 
     def __init__(self, run: Run, parts: Parts, inner: IntArray) -> None:
-        self.loop = run.boundary
+        mesh = run.mesh
+        self.loop, self.size = run.boundary, len(mesh.vertices)
+        self.factor: InterfaceFactor | None = None
+        self.schur: FloatArray | csr_array
+        if stays_sparse(len(self.loop), self.size):
+            self.inner = np.setdiff1d(np.flatnonzero(used_vertices(mesh)), self.loop)
+            self.kept = np.concatenate([self.loop, self.inner])
+            laplacian = cotangent_laplacian(mesh.vertices, mesh.faces, run.mollification)
+            self.schur = csr_array(laplacian[self.kept][:, self.kept])
+            return
         self.inner = np.setdiff1d(inner, self.loop)
         self.kept = np.concatenate([self.loop, self.inner])
-        self.factor: InterfaceFactor = eliminated(run, parts, self.kept)
+        self.factor = eliminated(run, parts, self.kept)
         self.schur = self.factor.schur
 
     def extend(self, values: ComplexArray) -> ComplexArray:
         """The harmonic function (V,) with values at the kept vertices (n_B + n_R,)."""
-        return self.factor.extend(values)
+        if self.factor is not None:
+            return self.factor.extend(values)
+        out = np.zeros(self.size, np.complex128)
+        out[self.kept] = values
+        return out
 
     def within(self, on_loop: ComplexArray) -> ComplexArray:
         """The harmonic function (V,) with values on the boundary (n_B,) only."""
@@ -100,16 +124,25 @@ class KeptDisk:
         """
         n, more = len(self.loop), len(self.inner)
         first, second = np.arange(n + more), np.concatenate([np.arange(n), np.arange(n + more, n + 2 * more)])
-        matrix = np.zeros((n + 2 * more, n + 2 * more))
-        for places in (first, second):
-            matrix[np.ix_(places, places)] += self.schur
+        matrix: FloatArray | csr_array
+        if isinstance(self.schur, csr_array):
+            copies = [
+                csr_array((np.ones(n + more), p, np.arange(n + more + 1)), (n + more, n + 2 * more)) for p in (first, second)
+            ]
+            matrix = csr_array(sum(copy.T @ self.schur @ copy for copy in copies))
+        else:
+            matrix = np.zeros((n + 2 * more, n + 2 * more))
+            for places in (first, second):
+                matrix[np.ix_(places, places)] += self.schur
         kept = np.concatenate([held[0, self.kept], held[1, self.inner]])
         given = np.concatenate([values[0, self.kept], values[1, self.inner]])
         out = harmonic(matrix, kept, given)
         return out[first], out[second]
 
-    def release(self) -> dict[str, object]:
+    def release(self) -> dict[str, object] | None:
         """Free what is stored; returns what the report says of it."""
+        if self.factor is None:
+            return None
         record = self.factor.record()
         self.factor.release()
         return record
