@@ -336,3 +336,26 @@ def test_a_name_of_any_script_is_shown_as_it_is(plane, scheme, browser, tmp_path
         corner = np.asarray(Image.open(io.BytesIO(shown.screenshot())).convert("RGB"))[2, 2]
         assert (corner.mean() > 200) == (scheme == "light")
         assert shown.said == []
+
+
+def test_without_webgl_the_page_says_so_and_shows_the_figures(plane, browser, tmp_path):
+    text = (
+        page(plane).decode().replace("<head>", "<head><script>HTMLCanvasElement.prototype.getContext = () => null</script>", 1)
+    )
+    (tmp_path / "page.html").write_text(text)
+    with opened(browser, tmp_path / "page.html") as shown:
+        assert "cannot be drawn here (no WebGL 2)" in shown.inner_text("#no-views")
+        assert f"{plane.quality.angle_mean_deg:.4f}°" in shown.inner_text("table")
+        assert shown.said == []
+
+
+def test_a_narrow_page_has_the_views_below_each_other(plane, browser, tmp_path):
+    (tmp_path / "page.html").write_bytes(page(plane))
+    with opened(browser, tmp_path / "page.html") as shown:
+        shown.set_viewport_size({"width": 400, "height": 800})
+        shown.wait_for_timeout(300)
+        above, below = (shown.locator(view).bounding_box() for view in ("#surface", "#map"))
+        assert above["y"] + above["height"] <= below["y"]
+        assert shown.evaluate("document.documentElement.scrollWidth") <= 400
+        for view in ("#surface", "#map"):
+            assert share(pixels(shown, view), BLUE, 60) > 0.05
