@@ -24,7 +24,7 @@ from pgcp.report.timeline import timeline
 from pgcp.report.words import course
 
 NASTY = "a </script><img src=x onerror=alert(1)> & 日本 \u202e.ply"
-BLUE, CREAM, ORANGE = (51, 97, 158), (250, 240, 214), (255, 115, 0)
+BLUE, CREAM, CYAN = (51, 97, 158), (250, 240, 214), (0, 229, 255)
 
 
 @pytest.fixture(scope="module")
@@ -264,7 +264,7 @@ def test_a_browser_shows_the_checkerboard_and_lights_a_face_in_both_views(kind, 
         face = int(shown.locator("body").get_attribute("data-face"))
         for view in ("#surface", "#map"):
             assert shown.locator(f"{view} .ring").is_visible()
-            assert share(pixels(shown, view), ORANGE, 30) > 1e-4
+            assert share(pixels(shown, view), CYAN, 30) > 1e-4
         assert f"face {face}, patch {result.patch[face]}" in shown.inner_text("#said")
         if "behind" not in shown.locator("#map .ring").get_attribute("class"):
             shown.mouse.move(*middle(shown, "#map .ring"))
