@@ -18,7 +18,7 @@ from PIL import Image
 
 import pgcp
 from pgcp.cli import main as command
-from pgcp.report.page import page
+from pgcp.report.page import _of_moderate_size, page
 from pgcp.report.scene import _edges, packed, scene_of
 from pgcp.report.timeline import timeline
 from pgcp.report.words import course
@@ -65,21 +65,41 @@ def test_a_page_holds_the_surface_its_map_and_the_figures_of_every_face(kind, re
     found = unpacked(shown)
     assert np.array_equal(scene.points[scene.faces], result.mesh.vertices[result.mesh.faces])
     assert np.array_equal(found["faces"], scene.faces)
-    for name, points, wanted in (("points", scene.points, 65_535), ("image", scene.image, (1 << 24) - 1)):
+    for name, points, steps in (("points", scene.points, 65_535), ("image", scene.image, (1 << 24) - 1)):
         box = shown.head[name]
-        assert np.abs(np.array(box["low"]) + box["step"] * found[name] - points).max() <= 0.51 * box["step"]
-        assert np.ptp(points, axis=0).max() == pytest.approx(wanted * box["step"])
+        wanted = points if name == "image" and kind == "ball" else (points - points.min(axis=0)) / np.ptp(points, axis=0).max()
+        assert np.abs(np.array(box["low"]) + box["step"] * found[name] - wanted).max() <= 0.51 * box["step"]
+        assert np.ptp(wanted, axis=0).max() == pytest.approx(steps * box["step"])
     angles = shown.head["angle_max"] * (found["angle"][:, 0] / 65_535) ** 2
     assert np.abs(angles - result.angle_error).max() < 1e-4 * max(result.angle_error.max(), 1.0)
     assert np.abs(2.0 ** (found["area"][:, 0] / shown.head["halves"]) / result.area_ratio - 1).max() < 1e-3
     assert np.array_equal(found["patch"][:, 0], result.patch)
 
 
-def test_the_scale_of_the_squares_is_that_of_the_map(plane):
-    twice = replace(plane, coordinates=np.ascontiguousarray(plane.coordinates * [[8.0, 8.0]]))
-    found = [unpacked(packed(result, scene_of(result)))["scale"][:, 0] for result in (plane, twice)]
-    assert np.ptp(found[1] - found[0]) == 0  # the whole map eight times as large: three doublings
-    assert (found[1] - found[0])[0] == 3 * 1024
+@pytest.mark.parametrize("kind", ["plane", "ball"])
+def test_the_scale_of_the_squares_is_that_of_the_map(kind, request):
+    result = request.getfixturevalue(kind)
+    scene = scene_of(result)
+    scales = np.empty(len(result.mesh.vertices))
+    scales[result.mesh.faces] = unpacked(packed(result, scene))["scale"][scene.faces, 0] / 1024
+    assert np.ptp(scales - result.log_scale / np.log(2.0)) < 0.01
+    assert np.ptp(scales) > 0.3
+
+
+@pytest.mark.parametrize("size", [1e-200, 1e200])
+@pytest.mark.parametrize("kind", ["plane", "ball"])
+def test_a_page_does_not_depend_on_the_unit_of_length_or_on_the_origin(kind, size, request):
+    result = request.getfixturevalue(kind)
+    flat = size if kind == "plane" else 1.0
+    mesh = replace(result.mesh, vertices=size * (result.mesh.vertices + 100.0))
+    moved = replace(result, mesh=mesh, coordinates=flat * result.coordinates)
+    here, there = (unpacked(packed(r, scene_of(r))) for r in (result, _of_moderate_size(moved)))
+    assert np.array_equal(here["faces"], there["faces"])
+    for name in ("points", "image", "scale", "area"):
+        assert np.abs(here[name] - there[name]).max() <= 2, name
+    for most in (10_000, 300):
+        head = re.search(r'id="scene-head">(.*?)</script>', page(moved, most=most).decode())[1]
+        json.loads(head, parse_constant=pytest.fail)  # neither NaN nor Infinity
 
 
 def test_edges_are_seams_or_ends_or_neither():
