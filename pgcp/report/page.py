@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import shlex
 from dataclasses import replace
+from importlib.resources import files
 from typing import Any
 
 import jinja2
@@ -51,11 +52,17 @@ def page(result: Parameterization, command: tuple[str, ...] = (), most: int = MO
         "timeline": timeline(result.report),
         "words": course(result),
         "command": shlex.join(_printable(word) for word in command) or _call(result),
+        "style": _part("page.css"),
+        "script": _part("view.js") + _part("page.js"),
         "scene": Packed({**shown.head, **look}, shown.text),
     }
-    loader = jinja2.PackageLoader("pgcp.report", "templates")
-    environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    return environment.get_template("page.html.jinja").render(values).encode()
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    return environment.from_string(_part("page.html.jinja")).render(values).encode()
+
+
+def _part(name: str) -> str:
+    """A file of the page."""
+    return files("pgcp.report").joinpath("templates", name).read_text(encoding="utf-8")
 
 
 def _of_moderate_size(result: Parameterization) -> Parameterization:
