@@ -175,6 +175,15 @@ def test_tasks_are_rows_of_their_workers():
     assert timeline({}) is None
 
 
+def test_a_timeline_of_very_many_tasks_says_what_it_leaves_out():
+    stages = [{"name": "solve", "begin": 0.0, "seconds": 9.0, "peak_bytes": 0}]
+    tasks = [{"stage": "solve", "worker": 1 + k % 80, "begin": k * 1e-3, "seconds": 1.0 + k * 1e-6} for k in range(5000)]
+    drawn = timeline({"stages": stages, "timeline": tasks})
+    assert len(drawn["rows"]) == 64
+    assert drawn["left_out"].startswith("Not shown: the 1,000 shortest tasks and ")
+    assert drawn["memory"] is None
+
+
 TRIED = {"patches": 4, "seed": 0, "route": "weld", "folds": 3, "reason": "seams cross"}
 REPAIRED = {"method": "relax", "rings": 1, "folds_before": 5, "folds_after": 0, "moved_vertices": 9}
 IN_PLACE = {"from": "free", "to": "disk", "reason": "it overlaps"}
