@@ -52,7 +52,8 @@ def test_the_wheel_holds_the_package_and_nothing_else(built):
     modules = {str(path.relative_to(ROOT)) for path in (ROOT / "pgcp").rglob("*.py")}
     modules |= {f"pgcp/{path.relative_to(ROOT)}" for path in (ROOT / "partition").rglob("*.py")}
     assert {name for name in names if name.endswith(".py")} == modules
-    assert "pgcp/py.typed" in names
+    templates = {str(path.relative_to(ROOT)) for path in (ROOT / "pgcp/report/templates").iterdir()}
+    assert {"pgcp/py.typed", *templates} <= set(names)
     door = zipfile.ZipFile(built[0]).read("pgcp/partition/__init__.py")
     assert door == (ROOT / "partition" / "__init__.py").read_bytes()  # the folder's own, not what stands in for it
     said = zipfile.ZipFile(built[0]).read(f"pgcp-{pgcp.__version__}.dist-info/METADATA").decode()

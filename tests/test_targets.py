@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -111,6 +112,12 @@ def test_serial_and_workers_agree_to_the_bit(target):
     workers = pgcp.parameterize(mesh, patches=5, target=target, workers=2)
     assert serial.coordinates.tobytes() == workers.coordinates.tobytes()
     assert serial.mu.tobytes() == workers.mu.tobytes()
+    assert {task["worker"] for task in serial.report["timeline"]} == {0}
+    tasks = workers.report["timeline"]
+    assert {task["worker"] for task in tasks} <= {1, 2}
+    for worker in (1, 2):  # each does one after the other
+        own = sorted((task["begin"], task["begin"] + task["seconds"]) for task in tasks if task["worker"] == worker)
+        assert all(end <= begin + 1e-3 for (_, end), (begin, _) in pairwise(own))
 
 
 @pytest.mark.parametrize("patches", [2, 3, 7])

@@ -146,10 +146,9 @@ def _output_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--no-obj", action="store_true", help="write no OBJ file")
     group.add_argument("--no-ply", action="store_true", help="write no PLY file")
     group.add_argument("--no-png", action="store_true", help="draw no picture")
+    group.add_argument("--no-html", action="store_false", dest="html", default=None, help="write no report page")
     group.add_argument(
-        "--html",
-        action=argparse.BooleanOptionalAction,
-        help=f"write the report page, or none (default: of meshes with up to {PAGE_VERTICES:,} vertices)",
+        "--html", action="store_true", default=None, help=f"write it of meshes with more than {PAGE_VERTICES:,} vertices too"
     )
     group.add_argument("--json", action="store_true", help="print one JSON object: the result, or the error")
     group.add_argument("--log-file", type=Path, metavar="FILE", help="append the stages of the run, with times, to this file")

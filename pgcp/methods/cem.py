@@ -12,9 +12,10 @@ import numpy as np
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
+from pgcp.elimination.multigrid import MultigridSolver
 from pgcp.elimination.sparse_boundary import AnyFactor, AnySchur
-from pgcp.errors import SolveFailedError
-from pgcp.methods.base import Method, whole
+from pgcp.errors import InputError, SolveFailedError
+from pgcp.methods.base import Method, OwnOption, whole
 from pgcp.methods.common.boundary_energy import (
     Descent,
     EnergyMap,
@@ -35,6 +36,7 @@ from pgcp.types import FloatArray
 ITERATIONS = 20
 TOLERANCE = 1e-6
 _ROUNDING = 1e-13
+DIRECT, MULTIGRID = "direct", "multigrid"
 
 
 def cem_boundary(
@@ -98,7 +100,12 @@ def _map(disk: Disk) -> DiskMap:
 
 
 def _map_either(run: Run, parts: Parts) -> Mapped:
-    return map_by_caps(run, parts) if run.is_closed else map_disk(run, parts, _map)
+    by_multigrid = run.options.own["solver"] == MULTIGRID
+    if run.is_closed and by_multigrid:
+        raise InputError(f"the solver {MULTIGRID} is one for open surfaces; a closed one is eliminated patch by patch")
+    if run.is_closed:
+        return map_by_caps(run, parts)
+    return map_disk(run, parts, _map, MultigridSolver if by_multigrid else None)
 
 
 METHOD = Method(
@@ -109,4 +116,12 @@ METHOD = Method(
     reference="Yueh, Lin, Wu, Yau 2017",
     mapper=whole(_map_either),
     moebius="none",
+    own=(
+        OwnOption(
+            "solver",
+            "what solves the sparse systems: direct, the patches' elimination; multigrid, which needs pgcp[multigrid]",
+            DIRECT,
+            choices=(DIRECT, MULTIGRID),
+        ),
+    ),
 )

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import re
 import shlex
+from dataclasses import replace
+from importlib.resources import files
 from typing import Any
 
 import jinja2
@@ -20,15 +22,17 @@ from pgcp.report.scene import MOST_FACES, Packed, packed, scene_of
 from pgcp.report.timeline import timeline
 from pgcp.report.words import counted, course
 from pgcp.targets.registry import TARGETS
-from pgcp.types import Parameterization
+from pgcp.types import FloatArray, Parameterization
 
 _MODES = (("checker", "Checkerboard"), ("angle", "Angle error"), ("area", "Area"), ("patch", "Patches"), ("plain", "Plain"))
 _HINT = "Drag turns the surface, the wheel zooms, a double click resets. Point at a face to see it in both."
+_TINY, _SMALL = 1e-300, 1e-60
 _WIDTH, _BASE, _HEIGHT, _LEFT = 520.0, 220.0, 265.0, 14.0
 
 
 def page(result: Parameterization, command: tuple[str, ...] = (), most: int = MOST_FACES) -> bytes:
     """The page in UTF-8. command: the words that made the map; most: faces that are drawn, of more those of clusters."""
+    result = _of_moderate_size(result)
     scene = scene_of(result, most)
     closed = TARGETS.get(result.target).space.closed
     shown = packed(result, scene)
@@ -48,11 +52,31 @@ def page(result: Parameterization, command: tuple[str, ...] = (), most: int = MO
         "timeline": timeline(result.report),
         "words": course(result),
         "command": shlex.join(_printable(word) for word in command) or _call(result),
+        "style": _part("page.css"),
+        "script": _part("view.js") + _part("page.js"),
         "scene": Packed({**shown.head, **look}, shown.text),
     }
-    loader = jinja2.PackageLoader("pgcp.report", "templates")
-    environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    return environment.get_template("page.html.jinja").render(values).encode()
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    return environment.from_string(_part("page.html.jinja")).render(values).encode()
+
+
+def _part(name: str) -> str:
+    """A file of the page."""
+    return files("pgcp.report").joinpath("templates", name).read_text(encoding="utf-8")
+
+
+def _of_moderate_size(result: Parameterization) -> Parameterization:
+    """The same map, of a surface whose areas are neither too large nor too small for doubles."""
+    points, image = (_moderate(values) for values in (result.mesh.vertices, result.coordinates))
+    if points is result.mesh.vertices and image is result.coordinates:
+        return result
+    return replace(result, mesh=replace(result.mesh, vertices=points), coordinates=image)
+
+
+def _moderate(points: FloatArray) -> FloatArray:
+    """Points as they are, or where their extent is far from 1, in units of it."""
+    size = max(float(np.ptp(points)), _TINY)
+    return points if _SMALL < size < 1.0 / _SMALL else points / size
 
 
 def _printable(text: str) -> str:

@@ -25,6 +25,7 @@ _FINE, _FINER = 65_535, (1 << 24) - 1  # steps of the surface's coordinates, and
 _SQUARES = 48  # across the surface
 _HALVES = 1024  # steps of a binary logarithm
 _MOST_HALVES = 60.0
+_LEVEL = 2  # of deflate: others take twice as long for a few percent
 _TINY = 1e-300
 
 
@@ -64,7 +65,7 @@ def _clustered(result: Parameterization, most: int) -> tuple[FloatArray, FloatAr
     """
     mesh, faces = result.mesh, result.mesh.faces
     low = np.array([column.min() for column in mesh.vertices.T])
-    extent = max(*(float(np.ptp(column)) for column in mesh.vertices.T), _TINY)
+    extent = _extent(mesh.vertices)
     shapes = vertex_shapes(mesh.vertices, faces, result.coordinates, (extent, 1.0))
     sides = (np.abs(shapes[:, :3]).argmax(axis=1) * 2).astype(np.int64)
     sides += np.take_along_axis(shapes[:, :3], (sides // 2)[:, None], axis=1)[:, 0] > 0.0
@@ -126,16 +127,15 @@ class Packed:
 def packed(result: Parameterization, scene: Scene) -> Packed:
     """The scene with all that is needed to draw it: colours, angles of view, figures of faces.
 
-    Positions are rounded to the 65,535th part of the surface's extent, those of the map to the 16,777,215th of its own.
+    Positions are in units of the surface's extent, and rounded to its 65,535th part; those of the map in units of its own, and
+    rounded to its 16,777,215th part, or on the unit sphere.
     """
     closed = TARGETS.get(result.target).space.closed
-    points, surface_box = _in_steps(scene.points, _FINE)
-    image, map_box = _in_steps(scene.image, _FINER)
+    points, image = _in_steps(scene.points, _FINE), _in_steps(scene.image, _FINER)
     errors, halves = _figures(result, scene.face_ids)
     largest = max(float(errors.max(initial=0.0)), 1e-12)
-    unit = 1.0 if closed else map_box["step"] * _FINER
-    extent = surface_box["step"] * _FINE
-    scales = vertex_shapes(scene.points, scene.faces, scene.image, (extent, unit))[:, 3] + np.log2(unit / _SQUARES)
+    units = _extent(scene.points), 1.0 if closed else _extent(scene.image)
+    scales = vertex_shapes(scene.points, scene.faces, scene.image, units)[:, 3] - np.log2(_SQUARES)
     scales += 0.0 if closed else np.rint(np.median(scales)) - np.median(scales)  # squares of one size where most are
     arrays = {
         "points": _Coded(points),
@@ -154,8 +154,8 @@ def packed(result: Parameterization, scene: Scene) -> Packed:
     reach = float(np.quantile(np.abs(halves - middle), 0.95))
     head = {
         "arrays": [{"name": name, "shape": array.numbers.shape, "delta": array.is_delta} for name, array in arrays.items()],
-        "points": surface_box,
-        "image": map_box,
+        "points": {"low": [0.0] * 3, "step": 1.0 / _FINE},
+        "image": {"low": [0.0] * 2, "step": 1.0 / _FINER},
         "halves": _HALVES,
         "angle_max": largest,
         "angle_limit": max(result.quality.angle_p99_deg, 1e-9),
@@ -166,7 +166,9 @@ def packed(result: Parameterization, scene: Scene) -> Packed:
         "upright": 0.0 if closed else upright_angle(Mesh(scene.points, scene.faces), scene.image)[0],
         "palette": np.rint(patch_colours(result.report.get("patches", []), count) * 255).astype(int).tolist(),
     }
-    data = zlib.compress(b"".join(array.planes() for array in arrays.values()), 4)
+    if closed:
+        head["image"] = {"low": scene.image.min(axis=0).tolist(), "step": _extent(scene.image) / _FINER}
+    data = zlib.compress(b"".join(array.planes() for array in arrays.values()), _LEVEL)
     return Packed(head, base64.b64encode(data).decode())
 
 
@@ -185,11 +187,15 @@ class _Coded:
         return whole.view(np.uint8).reshape(-1, 4).T.tobytes()
 
 
-def _in_steps(values: FloatArray, steps: int) -> tuple[np.ndarray, dict[str, Any]]:
-    """Coordinates in whole steps of their box, and what leads back: value = low + step * number."""
-    low = np.array([column.min() for column in values.T])  # columns: quicker than rows of three
-    step = max(*(float(np.ptp(column)) for column in values.T), _TINY) / steps
-    return np.rint((values - low) / step), {"low": low.tolist(), "step": step}
+def _extent(values: FloatArray) -> float:
+    """The largest extent along an axis. Column by column: quicker than rows of three."""
+    return max(*(float(np.ptp(column)) for column in values.T), _TINY)
+
+
+def _in_steps(values: FloatArray, steps: int) -> np.ndarray:
+    """Coordinates in whole steps, of which the extent has so many, from their least ones."""
+    low = np.array([column.min() for column in values.T])
+    return np.rint((values - low) / _extent(values) * steps)
 
 
 def _new_or_old(faces: IntArray) -> IntArray:

@@ -18,7 +18,8 @@ def timeline(report: dict[str, Any]) -> dict[str, Any] | None:
     stages = [stage for stage in report.get("stages", []) if "begin" in stage]
     if not stages:
         return None
-    tasks = [{**task, "begin": max(task["begin"], 0.0)} for task in report.get("timeline", [])[:_MOST_TASKS]]
+    known = sorted(report.get("timeline", []), key=lambda task: -float(task["seconds"]))
+    tasks = [{**task, "begin": max(task["begin"], 0.0)} for task in known[:_MOST_TASKS]]
     ends = [entry["begin"] + entry["seconds"] for entry in (*stages, *tasks)]
     axis = linear_axis(0.0, max(*ends, 1e-3), (0.0, 0.0), 8)
     per_second = (_WIDTH - _LEFT - _RIGHT) / axis.high
@@ -55,7 +56,14 @@ def timeline(report: dict[str, Any]) -> dict[str, Any] | None:
     return {
         "width": _WIDTH, "height": base + 28.0, "base": base, "left": _LEFT,
         "rows": rows, "ticks": ticks, "key": key, "memory": memory,
+        "left_out": _left_out(len(known) - len(tasks), len(lanes) - len(rows)),
     }  # fmt: skip
+
+
+def _left_out(tasks: int, rows: int) -> str:
+    """What is not shown, in a sentence."""
+    few = [f"the {tasks:,} shortest tasks"] * (tasks > 0) + [f"{rows:,} more workers"] * (rows > 0)
+    return f"Not shown: {' and '.join(few)}." if few else ""
 
 
 def _lanes(tasks: list[dict[str, Any]]) -> list[tuple[str, list[dict[str, Any]]]]:

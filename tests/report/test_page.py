@@ -9,22 +9,22 @@ import re
 import zlib
 from dataclasses import replace
 
-import markupsafe
 import numpy as np
 import pytest
 from browser import headless, opened
+from markupsafe import escape
 from meshes import grid, lifted, spheroid
 from PIL import Image
 
 import pgcp
 from pgcp.cli import main as command
-from pgcp.report.page import page
+from pgcp.report.page import _of_moderate_size, page
 from pgcp.report.scene import _edges, packed, scene_of
 from pgcp.report.timeline import timeline
 from pgcp.report.words import course
 
 NASTY = "a </script><img src=x onerror=alert(1)> & 日本 \u202e.ply"
-BLUE, CREAM, ORANGE = (51, 97, 158), (250, 240, 214), (255, 115, 0)
+BLUE, CREAM, CYAN = (51, 97, 158), (250, 240, 214), (0, 229, 255)
 
 
 @pytest.fixture(scope="module")
@@ -65,21 +65,41 @@ def test_a_page_holds_the_surface_its_map_and_the_figures_of_every_face(kind, re
     found = unpacked(shown)
     assert np.array_equal(scene.points[scene.faces], result.mesh.vertices[result.mesh.faces])
     assert np.array_equal(found["faces"], scene.faces)
-    for name, points, wanted in (("points", scene.points, 65_535), ("image", scene.image, (1 << 24) - 1)):
+    for name, points, steps in (("points", scene.points, 65_535), ("image", scene.image, (1 << 24) - 1)):
         box = shown.head[name]
-        assert np.abs(np.array(box["low"]) + box["step"] * found[name] - points).max() <= 0.51 * box["step"]
-        assert np.ptp(points, axis=0).max() == pytest.approx(wanted * box["step"])
+        wanted = points if name == "image" and kind == "ball" else (points - points.min(axis=0)) / np.ptp(points, axis=0).max()
+        assert np.abs(np.array(box["low"]) + box["step"] * found[name] - wanted).max() <= 0.51 * box["step"]
+        assert np.ptp(wanted, axis=0).max() == pytest.approx(steps * box["step"])
     angles = shown.head["angle_max"] * (found["angle"][:, 0] / 65_535) ** 2
     assert np.abs(angles - result.angle_error).max() < 1e-4 * max(result.angle_error.max(), 1.0)
     assert np.abs(2.0 ** (found["area"][:, 0] / shown.head["halves"]) / result.area_ratio - 1).max() < 1e-3
     assert np.array_equal(found["patch"][:, 0], result.patch)
 
 
-def test_the_scale_of_the_squares_is_that_of_the_map(plane):
-    twice = replace(plane, coordinates=np.ascontiguousarray(plane.coordinates * [[8.0, 8.0]]))
-    found = [unpacked(packed(result, scene_of(result)))["scale"][:, 0] for result in (plane, twice)]
-    assert np.ptp(found[1] - found[0]) == 0  # the whole map eight times as large: three doublings
-    assert (found[1] - found[0])[0] == 3 * 1024
+@pytest.mark.parametrize("kind", ["plane", "ball"])
+def test_the_scale_of_the_squares_is_that_of_the_map(kind, request):
+    result = request.getfixturevalue(kind)
+    scene = scene_of(result)
+    scales = np.empty(len(result.mesh.vertices))
+    scales[result.mesh.faces] = unpacked(packed(result, scene))["scale"][scene.faces, 0] / 1024
+    assert np.ptp(scales - result.log_scale / np.log(2.0)) < 0.01
+    assert np.ptp(scales) > 0.3
+
+
+@pytest.mark.parametrize("size", [1e-200, 1e200])
+@pytest.mark.parametrize("kind", ["plane", "ball"])
+def test_a_page_does_not_depend_on_the_unit_of_length_or_on_the_origin(kind, size, request):
+    result = request.getfixturevalue(kind)
+    flat = size if kind == "plane" else 1.0
+    mesh = replace(result.mesh, vertices=size * (result.mesh.vertices + 100.0))
+    moved = replace(result, mesh=mesh, coordinates=flat * result.coordinates)
+    here, there = (unpacked(packed(r, scene_of(r))) for r in (result, _of_moderate_size(moved)))
+    assert np.array_equal(here["faces"], there["faces"])
+    for name in ("points", "image", "scale", "area"):
+        assert np.abs(here[name] - there[name]).max() <= 2, name
+    for most in (10_000, 300):
+        head = re.search(r'id="scene-head">(.*?)</script>', page(moved, most=most).decode())[1]
+        json.loads(head, parse_constant=pytest.fail)  # neither NaN nor Infinity
 
 
 def test_edges_are_seams_or_ends_or_neither():
@@ -124,7 +144,7 @@ def test_names_and_commands_are_escaped(plane, tmp_path):
     text = page(result, ("pgcp-run", NASTY, "\udcff.ply")).decode()
     assert "<img" not in text
     assert text.count("</script>") == text.count("<script")
-    assert text.count(str(markupsafe.escape(NASTY))) == 3  # title, heading and command
+    assert text.count(str(escape(NASTY))) == 3  # title, heading and command
     assert not re.search(r'(src|href)="(?!data:)|https?:|@import|url\(', text)
 
 
@@ -153,6 +173,15 @@ def test_tasks_are_rows_of_their_workers():
     assert second["width"] == pytest.approx(3 * first["width"], abs=0.1)
     assert "1.00 GB" in drawn["memory"]["label"]
     assert timeline({}) is None
+
+
+def test_a_timeline_of_very_many_tasks_says_what_it_leaves_out():
+    stages = [{"name": "solve", "begin": 0.0, "seconds": 9.0, "peak_bytes": 0}]
+    tasks = [{"stage": "solve", "worker": 1 + k % 80, "begin": k * 1e-3, "seconds": 1.0 + k * 1e-6} for k in range(5000)]
+    drawn = timeline({"stages": stages, "timeline": tasks})
+    assert len(drawn["rows"]) == 64
+    assert drawn["left_out"].startswith("Not shown: the 1,000 shortest tasks and ")
+    assert drawn["memory"] is None
 
 
 TRIED = {"patches": 4, "seed": 0, "route": "weld", "folds": 3, "reason": "seams cross"}
@@ -264,7 +293,7 @@ def test_a_browser_shows_the_checkerboard_and_lights_a_face_in_both_views(kind, 
         face = int(shown.locator("body").get_attribute("data-face"))
         for view in ("#surface", "#map"):
             assert shown.locator(f"{view} .ring").is_visible()
-            assert share(pixels(shown, view), ORANGE, 30) > 1e-4
+            assert share(pixels(shown, view), CYAN, 30) > 1e-4
         assert f"face {face}, patch {result.patch[face]}" in shown.inner_text("#said")
         if "behind" not in shown.locator("#map .ring").get_attribute("class"):
             shown.mouse.move(*middle(shown, "#map .ring"))
@@ -336,3 +365,26 @@ def test_a_name_of_any_script_is_shown_as_it_is(plane, scheme, browser, tmp_path
         corner = np.asarray(Image.open(io.BytesIO(shown.screenshot())).convert("RGB"))[2, 2]
         assert (corner.mean() > 200) == (scheme == "light")
         assert shown.said == []
+
+
+def test_without_webgl_the_page_says_so_and_shows_the_figures(plane, browser, tmp_path):
+    text = (
+        page(plane).decode().replace("<head>", "<head><script>HTMLCanvasElement.prototype.getContext = () => null</script>", 1)
+    )
+    (tmp_path / "page.html").write_text(text)
+    with opened(browser, tmp_path / "page.html") as shown:
+        assert "cannot be drawn here (no WebGL 2)" in shown.inner_text("#no-views")
+        assert f"{plane.quality.angle_mean_deg:.4f}°" in shown.inner_text("table")
+        assert shown.said == []
+
+
+def test_a_narrow_page_has_the_views_below_each_other(plane, browser, tmp_path):
+    (tmp_path / "page.html").write_bytes(page(plane))
+    with opened(browser, tmp_path / "page.html") as shown:
+        shown.set_viewport_size({"width": 400, "height": 800})
+        shown.wait_for_timeout(300)
+        above, below = (shown.locator(view).bounding_box() for view in ("#surface", "#map"))
+        assert above["y"] + above["height"] <= below["y"]
+        assert shown.evaluate("document.documentElement.scrollWidth") <= 400
+        for view in ("#surface", "#map"):
+            assert share(pixels(shown, view), BLUE, 60) > 0.05

@@ -89,15 +89,16 @@ void main() {
     float gloss = 0.1 * pow(max(dot(n, normalize(lamp + vec3(0, 0, 1))), 0.0), 24.0);
     c = c * (0.42 + 0.48 * max(dot(n, lamp), 0.0) + 0.14 * n.z) + gloss;
   }
-  vec3 away = corner.zxy / max(fwidth(corner.zxy), 1e-6);  // pixels from the edges 01, 12, 20
-  if (withEdges) c = mix(c, vec3(0.1), 0.45 * (1.0 - smoothstep(0.3, 1.1, min(away.x, min(away.y, away.z)))));
+  vec3 tall = 1.0 / max(fwidth(corner.zxy), 1e-6), away = corner.zxy * tall;  // pixels: heights over, and from, edges 01, 12, 20
+  float dense = smoothstep(2.0, 8.0, min(tall.x, min(tall.y, tall.z)));  // edges of tiny faces would be all that is seen
+  if (withEdges) c = mix(c, vec3(0.1), 0.5 * dense * (1.0 - smoothstep(0.3, 1.1, min(away.x, min(away.y, away.z)))));
   if (withSeams) {
     int bits = int(of.w);
     float nearest = 9.0;
     for (int k = 0; k < 3; k++) if (((bits >> k) & 9) != 0) nearest = min(nearest, away[k]);
     c = mix(c, vec3(0.75, 0.05, 0.15), 1.0 - smoothstep(1.2, 2.2, nearest));
   }
-  if (face == hovered) c = vec3(1.0, 0.45, 0.0);
+  if (face == hovered) c = vec3(0.0, 0.9, 1.0);
   colour = vec4(c, 1.0);
 }`;
 
