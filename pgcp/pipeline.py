@@ -13,7 +13,7 @@ import numpy as np
 
 from pgcp.elimination.dirichlet import choose_backend
 from pgcp.errors import InputError, PgcpError
-from pgcp.finish.quality import measure_quality
+from pgcp.finish.quality import measure_quality, single_precision_folds
 from pgcp.intake.check import Geometry, inspect, inspect_mended
 from pgcp.intake.mend import Mended, unmended
 from pgcp.io.read import read_cuts
@@ -26,7 +26,7 @@ from pgcp.patches.warm_up import warm_up
 from pgcp.plane.space import map_coefficients
 from pgcp.report.record import run_report
 from pgcp.retry.course import Outcome, map_mesh
-from pgcp.retry.placed import place_outcome, single_precision_folds
+from pgcp.retry.placed import place_outcome
 from pgcp.runtime.address_space import check_address_space
 from pgcp.runtime.cache import Owner, drop_run
 from pgcp.runtime.clock import Clock

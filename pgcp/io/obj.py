@@ -127,11 +127,16 @@ def _wrong_corner(numbers: Sequence[int], rows: list[bytes]) -> BadFileError:
 
 
 def write_obj(stream: IO[bytes], arrays: Arrays) -> None:
-    """Write an OBJ file with nine digits of every number; uv become ``vt``, numbered as the vertices or by "uv_faces"."""
+    """Write an OBJ file with nine digits of every number; uv become ``vt``, numbered as the vertices or by "uv_faces".
+
+    uv have all their digits where the arrays have a key "in_doubles".
+    """
     for head, source in ((b"v", "vertices"), (b"vt", "uv")):
         points = arrays.get(source, np.empty((0, 2)))
+        has_all_digits = source == "uv" and "in_doubles" in arrays
         for start in range(0, len(points), CHUNK):
-            stream.write(as_lines(head, nine_digits(points[start : start + CHUNK])))
+            rows = points[start : start + CHUNK]
+            stream.write(as_lines(head, rows if has_all_digits else nine_digits(rows)))
     numbers = [arrays["faces"], arrays.get("uv_faces", arrays["faces"])] if "uv" in arrays else [arrays["faces"]]
     between = b"/ / /" if "uv" in arrays else b" "
     for start in range(0, len(arrays["faces"]), CHUNK):

@@ -39,6 +39,7 @@ _BEYOND_WELDS = 75.0  # log of a range of scales that no weld keeps: digits for 
 _SQUEEZED = 20.0  # log of a range of scales at which welds fail because parts are long and thin
 _WRONG_DEG = 20.0  # mean angle error from which on a map without folds is not taken before others are tried
 _LARGE_DEG = 8.0  # mean angle error from which on a map is compared with the one solved in logarithms
+_SMALLER = "a map from welds, its boundary on a circle, has smaller angle errors"
 _GOOD_DEG = 2.0  # mean angle error up to which a free map is not compared with another
 
 
@@ -232,7 +233,8 @@ def _mapped(run: Run, method: Method) -> Outcome:
     else:
         outcome = Outcome(done, tried)
     if run.options.seams == "exact" and outcome.fallback is None and outcome.done.mapped.seams_by != "exact":
-        return replace(outcome, fallback={"from": "exact seams", "to": "welded ones", "reason": tried[0].reason})
+        reason = _SMALLER if done.mapped.seams_by == "exact" else tried[0].reason
+        return replace(outcome, fallback={"from": "exact seams", "to": "welded ones", "reason": reason})
     return outcome
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from pgcp.finish.place import Unplaced
 from pgcp.folds.repair import repair_folds
 from pgcp.patches.run import Run
-from pgcp.plane.space import Space, find_folds
+from pgcp.plane.space import find_folds
 from pgcp.retry.course import Outcome
 from pgcp.retry.finished import EMBED, Finished, are_few, local_repairs, surroundings
 from pgcp.surface.topology import used_vertices
@@ -53,15 +53,3 @@ def _repaired(
     done = replace(done, repaired=replace(done.repaired, touched=touched, records=records))
     coordinates = space.coordinates(repaired.points)
     return done, coordinates, find_folds(space, faces, space.positions(coordinates))
-
-
-def single_precision_folds(space: Space, faces: IntArray, coordinates: FloatArray) -> int:
-    """How many faces would be folded by coordinates rounded to 32-bit floats, in the plane also as (u, 1 - v) like in glTF."""
-    with np.errstate(over="ignore", under="ignore"):
-        kinds = [coordinates.astype(np.float32).astype(np.float64)]
-        if not space.closed:
-            turned = (1.0 - coordinates[:, 1]).astype(np.float32).astype(np.float64)
-            kinds.append(np.column_stack([kinds[0][:, 0], 1.0 - turned]))
-    if not all(np.isfinite(kind).all() for kind in kinds):
-        return len(faces)
-    return max(len(find_folds(space, faces, space.positions(kind))) for kind in kinds)

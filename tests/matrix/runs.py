@@ -245,7 +245,7 @@ def _judged(case: Case, status: int, said: str, out: Path) -> tuple[str, list[st
         faults += [] if said.count("\n") == 1 and "folded" in said else ["not one sentence"]
         faults += [] if any("folds" in fault for fault in found) else ["marked folded, but there are no folds"]
         return FOLDED, faults, error
-    faults += [*found, *_faults_of_file(out / "m.ply", target)]
+    faults += [*found, *_faults_of_file(out / "m.ply", target, report["texture"].get("folds", 0))]
     faults += ["said something"] if said else []
     fallback = report["fallback"]
     if not fallback or target == case.target:
@@ -253,8 +253,8 @@ def _judged(case: Case, status: int, said: str, out: Path) -> tuple[str, list[st
     return (ELSEWHERE if fallback else RIGHT), faults, error
 
 
-def _faults_of_file(path: Path, target: str) -> list[str]:
-    """Folds of the texture coordinates of a PLY file; those of a sphere are cut and are not looked at."""
+def _faults_of_file(path: Path, target: str, told: int) -> list[str]:
+    """Folds of a PLY file's texture coordinates, more than are told; those of a sphere are cut and are not looked at."""
     if target == "sphere":
         return []
     from plyfile import PlyData
@@ -262,7 +262,7 @@ def _faults_of_file(path: Path, target: str) -> list[str]:
     data = PlyData.read(str(path))
     points = np.column_stack([data["vertex"]["s"], data["vertex"]["t"]]).astype(np.float64)
     folds = flipped_in_plane(points, np.vstack(data["face"]["vertex_indices"]))
-    return [f"{folds} folds in the PLY file"] if folds else []
+    return [f"{folds} folds in the PLY file, {told} told"] if folds > told else []
 
 
 def _inexact(case: Case, target: str, error: float) -> list[str]:

@@ -92,7 +92,7 @@ def _flat_outline(random: Random, plane: Array, triangles: Array) -> tuple[Array
 
 
 def _plane_mesh(random: Random, faces: int) -> tuple[Array, Array, str]:
-    """Points (V, 2) of the unit square and counter-clockwise faces: a grid, one moved at random, one that is graded, or Delaunay."""
+    """Points (V, 2) of the unit square and counter-clockwise faces: a grid, even, moved at random or graded; or Delaunay."""
     form = str(random.choice(["grid", "moved", "graded", "delaunay"]))
     if form == "delaunay":
         plane = random.random((max(3, faces // 2 + 2), 2))
@@ -422,8 +422,7 @@ def cad_rod(random: Random, faces: int) -> Shape:
     turn = 2 * np.pi * np.arange(n) / n
     far = 1 + (0.3 * np.cos(5 * turn) if star and n > 12 else 0.0)
     ring = np.column_stack([far * np.cos(turn), far * np.sin(turn)])
-    points = np.vstack([np.pad(ring, ((0, 0), (0, 1))), np.pad(ring, ((0, 0), (0, 1)), constant_values=high) + [0, 0, 0]])
-    points[n:, :2] = ring
+    points = np.column_stack([np.vstack([ring, ring]), np.repeat([0, high], n)])
     i, j = np.arange(n), (np.arange(n) + 1) % n
     k = np.arange(1, n - 1)
     sides = split_quads(np.column_stack([i, j, n + j, n + i]))
