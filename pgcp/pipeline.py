@@ -59,9 +59,8 @@ def map_surface(mesh_of: Callable[[], Mesh], asked: Options, running: Running, p
             directory = at_last.enter_context(resumable(running, key))
             run = _run(taken, plan, Job(Owner(name), directory, options.flatten, backend, plan.factor_cache_bytes), clock)
             with _tidied(executor, name):
-                outcome = map_mesh(run, method)
-            with clock.stage("place"):
-                outcome, coordinates, mu = _placed(run, outcome)
+                outcome, coordinates = place_outcome(run, method, map_mesh(run, method))
+            mu = _coefficients(run, outcome, coordinates)
             description = executor.describe()
         clock.executor = LocalExecutor()
         with clock.stage("measure"):
@@ -165,16 +164,15 @@ def _renumbered(options: Options, mended: Mended) -> Options:
     return replace(options, centre=centre)
 
 
-def _placed(run: Run, outcome: Outcome) -> tuple[Outcome, FloatArray, ComplexArray]:
-    """The outcome in its place, coordinates (V, 2) or (V, 3), and mu (F,) of all faces but filler."""
-    outcome, coordinates = place_outcome(run, outcome)
+def _coefficients(run: Run, outcome: Outcome, coordinates: FloatArray) -> ComplexArray:
+    """Beltrami coefficients (F,) of all faces but filler, of the map in its place."""
     done, mesh, centre = outcome.done, run.mesh.bare, run.options.centre
     space = done.target.space
     mu = done.mapped.mu[: len(mesh.faces)].copy()
     changed = done.changed_faces if centre is None else np.arange(len(mesh.faces))
     changed = changed[changed < len(mesh.faces)]
     mu[changed] = map_coefficients(space, mesh, mesh.faces[changed], space.positions(coordinates))
-    return outcome, coordinates, mu
+    return mu
 
 
 def _measured(mesh: Mesh, target: Target, coordinates: FloatArray, mu: ComplexArray) -> Quality:

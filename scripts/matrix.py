@@ -32,7 +32,9 @@ class Worker:
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[str] | None = None
-        self.number, self._since = -1, 0.0
+        self._number = -1
+        self._told: dict[str, Any] | None = None
+        self._since = 0.0
 
     def begin(self, number: int) -> None:
         """Start a run."""
@@ -43,7 +45,8 @@ class Worker:
             self._process = subprocess.Popen(
                 command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=os.environ | {"PYTHONPATH": path}
             )
-        self.number, self._since = number, time.monotonic()
+        self._told, self._since = None, time.monotonic()
+        self._number = number
         assert self._process.stdin is not None
         self._process.stdin.write(f"{number}\n")
         self._process.stdin.flush()
@@ -58,6 +61,9 @@ class Worker:
         seconds = round(time.monotonic() - self._since, 2)
         if ready:
             line = self._process.stdout.readline()
+            if line and self._told is None:
+                self._told = json.loads(line)
+                return None
             if line:
                 return json.loads(line)
             self._process.wait()
@@ -68,7 +74,8 @@ class Worker:
         else:
             return None
         self.end()
-        return {"run": self.number, "outcome": FAULT, "faults": [why], "said": said, "seconds": seconds, "kind": "?"}
+        told = self._told or {"run": self._number, "kind": "?"}
+        return {**told, "outcome": FAULT, "faults": [why], "said": said, "seconds": seconds}
 
     def end(self) -> None:
         """End the process."""

@@ -105,7 +105,7 @@ def faults_of(points: Array, faces: Array, target: str, used: Array) -> list[str
             faults.append(f"the boundary is off the circle by {off:.0e}")
         if np.linalg.norm(points[used], axis=1).max() > 1 + 1e-12:
             faults.append("vertices lie outside the disk")
-        turn = np.diff(np.unwrap(np.arctan2(*np.vstack([loop, loop[:1]]).T[::-1])))
+        turn = np.diff(np.arctan2(*np.vstack([loop, loop[:1]]).T[::-1])) % (2 * np.pi)
         if (turn <= 0).any() or abs(turn.sum() - 2 * np.pi) > 1e-6:
             faults.append("the boundary does not run once around the circle")
     return faults

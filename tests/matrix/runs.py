@@ -181,9 +181,8 @@ def _called(case: Case, words: list[str], folder: Path) -> tuple[int, str]:
         return status, said.getvalue() + stream.read()
 
 
-def run(number: int) -> dict[str, Any]:
-    """Do the run of a number; returns what it was, its outcome, what is wrong, seconds and mean angle error."""
-    case = case_of(number)
+def run(case: Case) -> dict[str, Any]:
+    """Do a run; returns what it was, its outcome, what is wrong, seconds and mean angle error."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         out, temporary = folder / "out", folder / "temporary"
@@ -226,7 +225,8 @@ def _judged(case: Case, status: int, said: str, out: Path) -> tuple[str, list[st
     """The outcome, what is wrong, and the mean angle error where there is a map."""
     if status in (2, 3) and not out.exists():
         faults = [] if said.count("\n") == 1 and said.startswith("pgcp-run: ") else ["not one sentence"]
-        if status == 2 and case.fits and "rounded to" not in case.shape.what:
+        is_centre = "--centre" in case.words and "cannot be the centre" in said
+        if status == 2 and case.fits and "rounded to" not in case.shape.what and not is_centre:
             faults.append("refused, though it fits")
         return (REFUSED if status == 2 else FAILED), faults, None
     if status not in (0, 3):
@@ -281,9 +281,11 @@ def _inexact(case: Case, target: str, error: float) -> list[str]:
 
 
 def main() -> None:
-    """Answer numbers with outcomes until there are no more."""
+    """Answer numbers, until there are no more, with what the run is and then with what came of it."""
     for line in sys.stdin:
-        print(json.dumps(run(int(line))), flush=True)
+        case = case_of(int(line))
+        print(json.dumps(case.told()), flush=True)
+        print(json.dumps(run(case)), flush=True)
 
 
 if __name__ == "__main__":
