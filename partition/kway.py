@@ -24,7 +24,8 @@ def metis_labels(dual: csr_array, sizes: IntArray, part_count: int, seed: int) -
     """Balanced parts with short cuts: edge weights are the lengths of the shared mesh edges, as small integers."""
     import pymetis
 
-    weights = np.clip(np.rint(dual.data / np.median(dual.data) * 32), 1, _WEIGHT_RANGE).astype(np.int32)
+    middle = float(np.median(dual.data)) or float(dual.data.mean()) or 1.0  # of a mesh whose edges mostly have no length
+    weights = np.clip(np.rint(dual.data / middle * 32), 1, _WEIGHT_RANGE).astype(np.int32)
     options = pymetis.Options(seed=seed, contig=0, niter=20)
     _, labels = pymetis.part_graph(
         part_count,

@@ -13,7 +13,7 @@ import numpy as np
 
 from pgcp.elimination.dirichlet import choose_backend
 from pgcp.errors import InputError, PgcpError
-from pgcp.finish.quality import measure_quality
+from pgcp.finish.quality import measure_quality, single_precision_folds
 from pgcp.intake.check import Geometry, Inspection, advised, inspect_mended, look
 from pgcp.intake.give_back import give_back
 from pgcp.intake.given import LARGEST, Given, Named, named_parts, take
@@ -29,7 +29,7 @@ from pgcp.plane.space import map_coefficients
 from pgcp.polygons.triangulate import Triangles, triangulated
 from pgcp.report.record import run_report
 from pgcp.retry.course import Outcome, map_mesh
-from pgcp.retry.placed import place_outcome, single_precision_folds
+from pgcp.retry.placed import place_outcome
 from pgcp.runtime.address_space import check_address_space
 from pgcp.runtime.cache import Owner, drop_run
 from pgcp.runtime.clock import Clock
@@ -64,9 +64,8 @@ def map_surface(
             directory = at_last.enter_context(resumable(running, key))
             run = _run(taken, plan, Job(Owner(name), directory, options.flatten, backend, plan.factor_cache_bytes), clock)
             with _tidied(executor, name):
-                outcome = map_mesh(run, method)
-            with clock.stage("place"):
-                outcome, coordinates, mu = _placed(run, outcome)
+                outcome, coordinates = place_outcome(run, method, map_mesh(run, method))
+            mu = _coefficients(run, outcome, coordinates)
             description = executor.describe()
         clock.executor = LocalExecutor()
         with clock.stage("measure"):
@@ -204,16 +203,15 @@ def _renumbered(options: Options, mended: Mended) -> Options:
     return replace(options, centre=centre)
 
 
-def _placed(run: Run, outcome: Outcome) -> tuple[Outcome, FloatArray, ComplexArray]:
-    """The outcome in its place, coordinates (V, 2) or (V, 3), and mu (F,) of all faces but filler."""
-    outcome, coordinates = place_outcome(run, outcome)
+def _coefficients(run: Run, outcome: Outcome, coordinates: FloatArray) -> ComplexArray:
+    """Beltrami coefficients (F,) of all faces but filler, of the map in its place."""
     done, mesh, centre = outcome.done, run.mesh.bare, run.options.centre
     space = done.target.space
     mu = done.mapped.mu[: len(mesh.faces)].copy()
     changed = done.changed_faces if centre is None else np.arange(len(mesh.faces))
     changed = changed[changed < len(mesh.faces)]
     mu[changed] = map_coefficients(space, mesh, mesh.faces[changed], space.positions(coordinates))
-    return outcome, coordinates, mu
+    return mu
 
 
 def _measured(mesh: Mesh, target: Target, coordinates: FloatArray, mu: ComplexArray) -> Quality:

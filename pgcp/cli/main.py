@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -30,6 +31,7 @@ from pgcp.runtime.versions import package_versions
 
 if TYPE_CHECKING:
     from pgcp.result import Result
+    from pgcp.types import Layout
 
 _NO_CACHE = (
     "no folder for compiled code can be written, neither beside the package nor in the home directory; what this run compiles "
@@ -83,6 +85,7 @@ def _mapped(
     from pgcp.api import compute
     from pgcp.io.files import claimed
     from pgcp.io.read import stem_of
+    from pgcp.io.write import said_of
     from pgcp.report.texture import as_png
     from pgcp.surface.demo import demo_mesh
 
@@ -99,8 +102,10 @@ def _mapped(
     shown("start", 1, 1)
     with claimed(directory) if _has_folder(arguments) else nullcontext():
         result = compute(demo_mesh() if arguments.mesh is None else arguments.mesh, options, running, shown)
+        layout = result.layout(arguments.uv, arguments.up)
+        result = replace(result, report={**result.report, "texture": said_of(layout)})
         try:
-            paths = _written(result, directory / stem, kinds, texture, arguments, signals, shown)
+            paths = _written(result, layout, directory / stem, kinds, texture, arguments, signals, shown)
         except OSError as problem:
             raise InputError(f"{directory}: cannot write the results: {of_system(problem)}") from problem
     return result, directory, paths
@@ -125,6 +130,7 @@ def _check_files(arguments: argparse.Namespace) -> None:
 
 def _written(
     result: Result,
+    layout: Layout | None,
     place: Path,
     kinds: tuple[str, ...],
     texture: bytes | None,
@@ -137,7 +143,6 @@ def _written(
 
     drawn = _drawn(result, arguments, shown)
     shown("write", 0, 0)
-    layout = result.layout(arguments.uv, arguments.up)
     paths = write_files(arguments.output, result, drawn, signals.held(), layout, texture) if arguments.output else []
     if _has_folder(arguments):
         if arguments.write is None and arguments.mesh is not None and arguments.mesh.exists():

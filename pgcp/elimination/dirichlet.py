@@ -24,6 +24,7 @@ from pgcp.surface.operators import cotangent_laplacian
 from pgcp.types import ComplexArray, FloatArray, IntArray
 
 _IN_ITS_PLACE = "superlu"  # for what the nested elimination cannot do: the same on every machine, with MKL or without
+_LEAST_FOR_PARDISO = 16  # inner vertices: in Schur mode MKL 2026.2 crashes now and then where there are two or three
 
 
 class DirichletSolver(Protocol):
@@ -131,6 +132,8 @@ def harmonic_solver(
 def eliminate_interior(laplacian: csr_array, boundary: IntArray, backend: str = "superlu") -> DirichletFactor:
     """Factor any Laplacian (n, n), symmetric, with ``boundary`` (n_B,) kept last; nested stands for superlu.
 
+    SuperLU also does what has few inner vertices, which PARDISO may not survive.
+
     Raises SolveFailedError where the interior block is singular or a value is not finite.
     """
     if not np.isfinite(laplacian.data).all():
@@ -140,7 +143,7 @@ def eliminate_interior(laplacian: csr_array, boundary: IntArray, backend: str = 
     interior = np.flatnonzero(interior_mask)
     if backend == "nested":
         backend = _IN_ITS_PLACE
-    if backend == "pardiso" and len(interior):
+    if backend == "pardiso" and len(interior) >= _LEAST_FOR_PARDISO:
         from pgcp.elimination.pardiso import PardisoFactor
 
         return _finite(PardisoFactor(laplacian, interior, boundary))

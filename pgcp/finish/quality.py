@@ -158,3 +158,15 @@ def measure_quality(mesh: Mesh, space: Space, coordinates: FloatArray, mu: Compl
         log_area_mean=(sum(part.log_sum for part in parts) + without * largest) / (count // 3),
         degree=space.degree(mesh.faces, space.positions(coordinates)),
     )
+
+
+def single_precision_folds(space: Space, faces: IntArray, coordinates: FloatArray) -> int:
+    """How many faces would be folded by coordinates rounded to 32-bit floats, in the plane also as (u, 1 - v) like in glTF."""
+    with np.errstate(over="ignore", under="ignore"):
+        kinds = [coordinates.astype(np.float32).astype(np.float64)]
+        if not space.closed:
+            turned = (1.0 - coordinates[:, 1]).astype(np.float32).astype(np.float64)
+            kinds.append(np.column_stack([kinds[0][:, 0], 1.0 - turned]))
+    if not all(np.isfinite(kind).all() for kind in kinds):
+        return len(faces)
+    return max(len(find_folds(space, faces, space.positions(kind))) for kind in kinds)

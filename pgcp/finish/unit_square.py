@@ -11,8 +11,10 @@ import numba
 import numpy as np
 
 from pgcp.errors import InputError
+from pgcp.finish.quality import single_precision_folds
 from pgcp.options import UPS
 from pgcp.parallel import in_slices
+from pgcp.plane.space import PLANE, find_folds
 from pgcp.surface.topology import used_vertices
 from pgcp.types import FloatArray, IntArray, Layout, Mesh
 
@@ -95,6 +97,7 @@ def _axis(up: str, shown: FloatArray) -> int:
 def in_unit_square(mesh: Mesh, uv: FloatArray, up: str = "auto") -> Layout:
     """A map to the plane (V, 2) in [0, 1]^2: turned upright (``upright_angle``), scaled evenly, moved; 2 % margin.
 
+    Away from 0, doubles have no room for parts below about 1e-16: the record counts the faces that are folded here.
     Raises InputError for another axis.
     """
     angle, axis = upright_angle(mesh, uv, up)
@@ -106,12 +109,15 @@ def in_unit_square(mesh: Mesh, uv: FloatArray, up: str = "auto") -> Layout:
     points = np.empty_like(uv)
     for k, column in enumerate(turned):
         points[:, k] = np.clip(column * scale + shift[k], 0.0, 1.0)  # vertices that no face uses
+    positions = PLANE.positions(points)
     record = {
         "kind": "unit square",
         "up": axis,
         "angle_deg": float(np.degrees(angle)),
         "scale": scale,
         "shift": shift.tolist(),
+        "folds": len(find_folds(PLANE, mesh.faces, positions)),
+        "single_precision_folds": single_precision_folds(PLANE, mesh.faces, points),
     }
     return Layout(points, mesh.faces, np.empty(0, np.int64), record)
 

@@ -22,6 +22,7 @@ from pgcp.errors import SolveFailedError
 from pgcp.folds.ears import lifted_ears
 from pgcp.folds.embed import drawn_back, embed_disk, embed_sphere
 from pgcp.folds.grid import grid_sphere
+from pgcp.folds.grid_disk import grid_disk
 from pgcp.folds.regions import Region, averaged, can_be_solved, composed, regions_around, relaxed, whole_regions
 from pgcp.folds.untangle import untangle
 from pgcp.plane.space import Space, find_folds
@@ -146,13 +147,14 @@ def _embedded(here: Surroundings, points: Positions) -> Positions:
 
 
 def _on_grid(here: Surroundings) -> Positions | None:
-    """The embedding into the sphere that rounding cannot fold, None in the plane."""
-    if not here.space.closed:
-        return None
+    """The embedding by a drawing on a grid, which rounding does not fold; None where there is none."""
     used, local = np.unique(here.mesh.faces, return_inverse=True)
-    out = here.space.origin(len(here.mesh.vertices))
+    faces, out = local.reshape(-1, 3), here.space.origin(len(here.mesh.vertices))
     try:
-        out[used] = grid_sphere(local.reshape(-1, 3), len(used), 0)
+        if here.space.closed:
+            out[used] = grid_sphere(faces, len(used), 0)
+        else:
+            out[used] = grid_disk(faces, len(used), np.searchsorted(used, here.boundary))
     except SolveFailedError:
         return None
     return out

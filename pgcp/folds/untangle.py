@@ -26,6 +26,7 @@ _ALWAYS = 50
 _ENOUGH = 0.1
 _STEPS = np.linspace(0.05, 1.0, 20)
 _LOWEST = 0.05
+_SMALLEST = 1e-290  # what a product of two relative numbers is divided by
 
 
 def _star(faces: IntArray, face_ids: IntArray, vertex: int) -> tuple[IntArray, IntArray, IntArray]:
@@ -36,21 +37,24 @@ def _star(faces: IntArray, face_ids: IntArray, vertex: int) -> tuple[IntArray, I
     return around, faces[around][rows, (corner + 1) % 3], faces[around][rows, (corner + 2) % 3]
 
 
-def _relative_areas(x: complex, p: ComplexArray, q: ComplexArray, target: FloatArray) -> FloatArray:
-    return np.imag(np.conj(p - x) * (q - x)) / target
+def _relative_areas(x: complex, p: ComplexArray, q: ComplexArray, extent: float, target: FloatArray) -> FloatArray:
+    return np.imag(np.conj((p - x) / extent) * ((q - x) / extent)) / target
 
 
 def _better_place(x: complex, p: ComplexArray, q: ComplexArray, surface: FloatArray) -> complex | None:
     """Nearby position where the smallest relative area around the vertex is larger, or None."""
-    area = np.imag(np.conj(p - x) * (q - x))
+    extent = float(np.abs(p - x).max())
+    if not extent > _SMALLEST:
+        return None
+    # all in units of the extent: areas of the smallest stars are less than doubles can hold
+    area = np.imag(np.conj((p - x) / extent) * ((q - x) / extent))
     size = float(np.abs(area).sum())
-    if not size > 0 or not surface.sum() > 0:
+    if not size > _SMALLEST or not surface.sum() > 0:
         return None
     target = np.maximum(surface * (size / surface.sum()), 1e-9 * size)
-    before = float(_relative_areas(x, p, q, target).min())
-    # scaled unknowns d = (position - x) / extent and t: area(x) - d x (q - p) extent >= t target
-    extent = float(np.abs(p - x).max())
-    side = (q - p) * extent
+    before = float(_relative_areas(x, p, q, extent, target).min())
+    # unknowns d = (position - x) / extent and t: area(x) - d x (q - p) / extent >= t target
+    side = (q - p) / extent
     rows = np.column_stack([side.imag, -side.real, target])
     scale = np.abs(rows).max(axis=1)
     from scipy.optimize import linprog
@@ -65,13 +69,13 @@ def _better_place(x: complex, p: ComplexArray, q: ComplexArray, surface: FloatAr
     if not solved.success:
         return None
     goal = x + extent * complex(solved.x[0], solved.x[1])
-    best = float(_relative_areas(goal, p, q, target).min())
+    best = float(_relative_areas(goal, p, q, extent, target).min())
     wanted = min(0.5 * best, _ENOUGH) if best > 0 else before + 0.5 * (best - before)
     if not best > before:
         return None
     for step in _STEPS:
         place = x + step * (goal - x)
-        if _relative_areas(place, p, q, target).min() >= wanted:
+        if _relative_areas(place, p, q, extent, target).min() >= wanted:
             return complex(place)
     return goal
 
@@ -88,7 +92,10 @@ def _move_on_sphere(points: FloatArray, vertex: int, p: IntArray, q: IntArray, s
     """The same on the sphere, in the gnomonic chart about the star: great circles are its straight lines."""
     star = np.vstack([points[vertex], points[p], points[q]])
     middle = star[1:].mean(axis=0)
-    rotation = rotation_to_north(middle / np.linalg.norm(middle))
+    size = float(np.linalg.norm(middle))
+    if not size > _LOWEST:
+        return None
+    rotation = rotation_to_north(middle / size)
     turned = star @ rotation.T
     if turned[:, 2].min() < _LOWEST:
         return None

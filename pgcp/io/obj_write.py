@@ -18,7 +18,7 @@ def write_obj(stream: IO[bytes], arrays: Arrays, textured: bool = False) -> None
     """Write an OBJ file with nine digits of every number; uv become ``vt``, numbered as the vertices or by "uv_faces".
 
     With "given" the polygons, objects, groups, materials, normals and colours of the input are written; ``textured``: without
-    its materials.
+    its materials. uv have all their digits where the arrays have a key "in_doubles".
     """
     given: GivenParts | None = arrays.get("given")
     vertices = arrays["vertices"]
@@ -28,8 +28,10 @@ def write_obj(stream: IO[bytes], arrays: Arrays, textured: bool = False) -> None
     if given is not None and given.source.normals is not None:
         points.append((b"vn", given.source.normals))
     for head, values in points:
+        has_all_digits = head == b"vt" and "in_doubles" in arrays
         for start in range(0, len(values), CHUNK):
-            stream.write(as_lines(head, nine_digits(values[start : start + CHUNK])))
+            rows = values[start : start + CHUNK]
+            stream.write(as_lines(head, rows if has_all_digits else nine_digits(rows)))
     numbers = [arrays["faces"], arrays.get("uv_faces", arrays["faces"])] if "uv" in arrays else [arrays["faces"]]
     if given is not None:
         _write_given(stream, given, numbers, textured)

@@ -111,12 +111,13 @@ def _arrays_for(kind: Format, result: Parameterization, layout: Layout | None) -
     if result.vertex_of is not None and result.face_of is not None:
         arrays |= {"vertex_of": result.vertex_of, "face_of": result.face_of}
     arrays |= {name: getattr(result, name) for name in _MEASURES if name in kind.carries and hasattr(result, name)}
-    if result.report.get("single_precision_folds"):
-        arrays["in_doubles"] = np.empty(0)
     if "normals" in kind.carries:
         own = None if given is None else vertex_normals(given)
         arrays["normals"] = _normals_of(result) if own is None else own
     on_texture = layout is not None and not kind.is_exact and "uv" in kind.carries and (key == "uv" or key not in kind.carries)
+    said = result.report if layout is None or not on_texture else {**result.report, **layout.record}
+    if said.get("single_precision_folds"):
+        arrays["in_doubles"] = np.empty(0)
     if not on_texture or layout is None:
         arrays[key] = coordinates
         arrays[VERTICES] = mesh.vertices if key in kind.carries else image_of(coordinates, kind.sphere_radius)
@@ -174,7 +175,7 @@ def write_outputs(
             beside |= _write(files.open(name), kind, _arrays_for(kind, result, layout), stem, texture)
         for name, data in beside.items():
             files.open(name).write(data)
-        report = {**result.report, "texture": _said(layout), "files": [*names, *beside, _REPORT]}
+        report = {**result.report, "texture": said_of(layout), "files": [*names, *beside, _REPORT]}
         files.without((usual | _earlier(directory, stem)) - set(report["files"]))
         files.open(_REPORT).write(json.dumps(report, indent=2, allow_nan=False).encode() + b"\n")
         files.sync()
@@ -182,7 +183,8 @@ def write_outputs(
             return files.switch()
 
 
-def _said(layout: Layout | None) -> dict[str, Any]:
+def said_of(layout: Layout | None) -> dict[str, Any]:
+    """What the report says of texture coordinates."""
     return {"kind": "surface"} if layout is None else layout.record
 
 

@@ -111,7 +111,13 @@ def solve(run: Run, parts: Parts, welded: Weld) -> Mapped:
 
 
 def _relax_seams(run: Run, parts: Parts, plan: WeldPlan, positions: Positions) -> tuple[list[SolveReport], dict[str, Any]]:
-    """Solve the seams as well, the outer boundary held: the harmonic map of the whole mesh."""
+    """Solve the seams as well, the outer boundary held: the harmonic map of the whole mesh.
+
+    Patches whose files were discarded, as when other splits were tried since, are stored and flattened again.
+    """
+    with run.clock.stage("flatten"):
+        everything = {patch.index: patch.index for patch in parts.patches}
+        mapped_through_store(run, parts, "flatten", "curve", BoundaryCurve, partial(flatten_task, parts.job), everything)
     factor = InterfaceFactor(run.executor, parts.job, len(parts.patches), plan, run.boundary, len(run.mesh.vertices))
     with run.clock.stage("merge"):
         factor.merge()

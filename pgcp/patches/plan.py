@@ -17,6 +17,7 @@ _TIE_DIGITS = 9
 _CROWDING = {False: (0.0, 0.25, 1.0, 4.0, 16.0), True: (0.0, 1.0, 4.0, 16.0, 64.0)}
 MOST_PLANS = len(_CROWDING[True])
 _NECK = 1e-3
+_SHORTEST = 1e-100
 # of the cost, for each level below: flat trees are welded in parallel. Closed surfaces come out better from one growing union
 _DEPTH = {False: 0.1, True: 0.0}
 
@@ -88,9 +89,11 @@ def plan_welds(table: SeamTable, patch_count: int, closed: bool = False, crowdin
         pairs = contacts.pairs[usable]
         seam = contacts.length[usable]
         perimeter = np.maximum(border[pairs].sum(axis=1) - 2.0 * seam, _NECK * seam)
+        total = max(float(border.sum()), _SHORTEST)
+        perimeter = np.maximum(perimeter, _SHORTEST * total)  # edges may have no length
         levels = 1 + level[pairs].max(axis=1)
         cost = (perimeter + crowding * seam**2 / perimeter) * (1.0 + _DEPTH[closed] * levels)
-        cost = np.round(cost / border.sum(), _TIE_DIGITS)  # ties fall the same way whatever rounding says
+        cost = np.round(cost / total, _TIE_DIGITS)  # ties fall the same way whatever rounding says
         best = int(np.lexsort((pairs[:, 1], pairs[:, 0], cost))[0])
         p, q = (int(v) for v in pairs[best])
         result = patch_count + step

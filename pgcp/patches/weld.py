@@ -195,6 +195,8 @@ def _similarity(fixed: ComplexArray, moving: ComplexArray) -> tuple[complex, com
     """Least squares a, b with a * moving + b near fixed; and the largest miss relative to the extent."""
     centre_fixed, centre_moving = fixed.mean(), moving.mean()
     u, v = fixed - centre_fixed, moving - centre_moving
+    if not (np.abs(u).max() > 0.0 and np.vdot(v, v).real > 0.0):
+        raise WeldFailedError("a union is so crowded that some of its points cannot be told apart")
     a = complex(np.vdot(v, u) / np.vdot(v, v))
     miss = float(np.abs(u - a * v).max() / np.abs(u).max())
     return a, complex(centre_fixed - a * centre_moving), miss

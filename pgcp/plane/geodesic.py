@@ -70,7 +70,7 @@ def geodesic_map(boundary: ComplexArray, inside: ComplexArray) -> HalfPlane | in
     if not (gaps > 0.0).all():
         return int(np.argmin(gaps > 0.0)) + 1
     p = np.cumsum(gaps)
-    if not (p[0] * p[1]) ** 2 > 0.0:  # it underflows
+    if not (p[0] * p[:2][-1]) ** 2 > 0.0:  # it underflows; of three points there is one gap
         return 1
     x = np.concatenate([[-np.inf], -1.0 / p**2, [0.0]])
     # 1 / p^2 - 1 / r^2 = (r - p) (r + p) / (p r)^2

@@ -21,9 +21,16 @@ def notes(report: dict[str, Any]) -> list[str]:
     if report["overlap"] and report["overlap"]["crossings"]:
         crossings = counted(report["overlap"]["crossings"], "time", "times")
         lines.append(f"the boundary crosses itself {crossings}: the map overlaps itself (--no-overlap maps to the disk)")
-    if report["single_precision_folds"] > 0:
-        folds = counted(report["single_precision_folds"], "fold", "folds")
-        lines.append(f"rounded to 32-bit floats the map has {folds}: PLY files hold it in doubles, GLB files do not")
+    texture = report.get("texture") or {}
+    if texture.get("folds", 0) > 0:
+        folds = counted(texture["folds"], "fold", "folds")
+        lines.append(
+            f"as texture coordinates, turned and moved, the map has {folds}: the npz file and --uv surface keep its own"
+        )
+    in_single = texture.get("single_precision_folds", report["single_precision_folds"])
+    if in_single > 0:
+        folds = counted(in_single, "fold", "folds")
+        lines.append(f"rounded to 32-bit floats the map has {folds}: PLY and OBJ files hold all digits, GLB files do not")
     return lines
 
 

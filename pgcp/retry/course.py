@@ -41,6 +41,8 @@ _BEYOND_WELDS = 75.0  # log of a range of scales that no weld keeps: digits for 
 _SQUEEZED = 20.0  # log of a range of scales at which welds fail because parts are long and thin
 _WRONG_DEG = 20.0  # mean angle error from which on a map without folds is not taken before others are tried
 _LARGE_DEG = 8.0  # mean angle error from which on a map is compared with the one solved in logarithms
+_EMBEDDING = "(embedding)"
+_SMALLER = "a map from welds, its boundary on a circle, has smaller angle errors"
 _GOOD_DEG = 2.0  # mean angle error up to which a free map is not compared with another
 
 
@@ -198,13 +200,13 @@ def _overlap(z: ComplexArray, boundary: IntArray) -> dict[str, Any]:
     return {"crossings": len(found), "edges": edges}
 
 
-def _embedded(run: Run, method: Method, tried: tuple[Tried, ...], reason: str) -> Outcome:
+def embedded(run: Run, method: Method, tried: tuple[Tried, ...], reason: str) -> Outcome:
     """The whole mesh embedded at once, without welds: free of folds, but hardly conformal."""
     target = TARGETS.get(target_of(run.target).gives_way_to or run.target.name)
     here = surroundings(run, target)
     everything = np.arange(len(run.mesh.faces))
     parts = store_parts(run, run.fewest_patches, run.options.seed, None, "whole")
-    fallback = {"from": run.target.name, "to": f"{target.name} (embedding)", "reason": reason}
+    fallback = {"from": run.target.name, "to": f"{target.name} {_EMBEDDING}", "reason": reason}
     in_logarithms = None
     if may_be_solved_in_logarithms(run, method):
         in_logarithms = solved_in_logarithms(replace(run, target=target), method, parts, positive=True)
@@ -219,6 +221,12 @@ def _embedded(run: Run, method: Method, tried: tuple[Tried, ...], reason: str) -
     mapped = Mapped(parts, target, repaired.points, np.zeros(len(everything), np.complex128), nowhere, [])
     done = Finished(mapped, replace(repaired, touched=everything))
     return Outcome(done, tried, None, fallback)
+
+
+def may_be_embedded(run: Run, method: Method, outcome: Outcome) -> bool:
+    """Whether the embedded mesh may take the place of a map that keeps folds."""
+    is_wanted = EMBED in run.options.repairs and method.to_target is not None
+    return is_wanted and not (outcome.fallback is not None and outcome.fallback["to"].endswith(_EMBEDDING))
 
 
 def map_mesh(run: Run, method: Method) -> Outcome:
@@ -240,13 +248,14 @@ def _mapped(run: Run, method: Method) -> Outcome:
     except _NothingError as nothing:
         if EMBED not in run.options.repairs or method.to_target is None or not isinstance(nothing.problem, FAILURES):
             raise nothing.problem from None
-        return _embedded(run, method, nothing.tried, str(nothing.problem))
+        return embedded(run, method, nothing.tried, str(nothing.problem))
     if target_of(run.target).has_free_boundary:
         outcome = _free_or_other(run, method, _freest(run, method, done), tried)
     else:
         outcome = Outcome(done, tried)
     if run.options.seams == "exact" and outcome.fallback is None and outcome.done.mapped.seams_by != "exact":
-        return replace(outcome, fallback={"from": "exact seams", "to": "welded ones", "reason": tried[0].reason})
+        reason = _SMALLER if done.mapped.seams_by == "exact" else tried[0].reason
+        return replace(outcome, fallback={"from": "exact seams", "to": "welded ones", "reason": reason})
     return outcome
 
 
@@ -294,5 +303,5 @@ def _free_or_other(run: Run, method: Method, done: Finished, tried: tuple[Tried,
     except NumericalError as problem:
         if unwanted and not done.folds:
             raise
-        return _embedded(run, method, tried, f"{reason}, and to the {other} {problem}")
+        return embedded(run, method, tried, f"{reason}, and to the {other} {problem}")
     return Outcome(found, tried, None, {"from": run.target.name, "to": other, "reason": reason})

@@ -8,16 +8,33 @@ import numpy as np
 
 from pgcp.finish.place import Unplaced
 from pgcp.folds.repair import repair_folds
+from pgcp.methods.base import Method
 from pgcp.patches.run import Run
-from pgcp.plane.space import Space, find_folds
-from pgcp.retry.course import Outcome
+from pgcp.plane.space import find_folds
+from pgcp.retry.course import Outcome, embedded, may_be_embedded
 from pgcp.retry.finished import EMBED, Finished, are_few, local_repairs, surroundings
 from pgcp.surface.topology import used_vertices
 from pgcp.types import FloatArray, IntArray
 
 
-def place_outcome(run: Run, outcome: Outcome) -> tuple[Outcome, FloatArray]:
+def place_outcome(run: Run, method: Method, outcome: Outcome) -> tuple[Outcome, FloatArray]:
     """The outcome of a run, and its coordinates (V, 2) or (V, 3) in the target's customary place.
+
+    Where folds are left in spite of all repairs, the mesh is embedded as a whole, if fewer are left then.
+    """
+    with run.clock.stage("place"):
+        outcome, coordinates, folds = _placed(run, outcome)
+    if folds and may_be_embedded(run, method, outcome):
+        other = embedded(run, method, outcome.tried, f"{folds} {'fold is' if folds == 1 else 'folds are'} left")
+        with run.clock.stage("place"):
+            other, elsewhere, left = _placed(run, other)
+        if left < folds:
+            return other, elsewhere
+    return outcome, coordinates
+
+
+def _placed(run: Run, outcome: Outcome) -> tuple[Outcome, FloatArray, int]:
+    """The outcome, its coordinates in their place, and how many folds are left.
 
     Placing rounds, which may fold faces that were not folded. A few folds are repaired where the map then lies. Where some are
     left, the map is placed by operations that do not round, and last repaired by all means. Repairs made here are recorded with
@@ -28,7 +45,7 @@ def place_outcome(run: Run, outcome: Outcome) -> tuple[Outcome, FloatArray]:
     coordinates = target.place(unplaced, run.options.centre)
     folded = find_folds(target.space, mesh.faces, target.space.positions(coordinates))
     if len(folded) <= done.folds:
-        return outcome, coordinates
+        return outcome, coordinates, len(folded)
     first = len(folded)
     if are_few(run, first):
         done, coordinates, folded = _repaired(run, done, coordinates, folded, local_repairs(run))
@@ -39,7 +56,7 @@ def place_outcome(run: Run, outcome: Outcome) -> tuple[Outcome, FloatArray]:
             coordinates, folded = exact, left
     if len(folded) and EMBED in run.options.repairs:
         done, coordinates, folded = _repaired(run, done, coordinates, folded, (EMBED,))
-    return replace(outcome, done=done), coordinates
+    return replace(outcome, done=done), coordinates, len(folded)
 
 
 def _repaired(
@@ -53,15 +70,3 @@ def _repaired(
     done = replace(done, repaired=replace(done.repaired, touched=touched, records=records))
     coordinates = space.coordinates(repaired.points)
     return done, coordinates, find_folds(space, faces, space.positions(coordinates))
-
-
-def single_precision_folds(space: Space, faces: IntArray, coordinates: FloatArray) -> int:
-    """How many faces would be folded by coordinates rounded to 32-bit floats, in the plane also as (u, 1 - v) like in glTF."""
-    with np.errstate(over="ignore", under="ignore"):
-        kinds = [coordinates.astype(np.float32).astype(np.float64)]
-        if not space.closed:
-            turned = (1.0 - coordinates[:, 1]).astype(np.float32).astype(np.float64)
-            kinds.append(np.column_stack([kinds[0][:, 0], 1.0 - turned]))
-    if not all(np.isfinite(kind).all() for kind in kinds):
-        return len(faces)
-    return max(len(find_folds(space, faces, space.positions(kind))) for kind in kinds)

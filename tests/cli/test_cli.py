@@ -418,6 +418,6 @@ def test_an_embedding_is_told_in_a_sentence_that_does_not_contradict_itself():
     told = "\n".join(notes({**report, "fallback": {"from": "sphere", "to": "sphere (embedding)", "reason": "no weld closes"}}))
     assert "instead of sphere" not in told
     assert "took the place of the conformal map to the sphere: no weld closes" in told
-    assert "rounded to 32-bit floats the map has 2 folds: PLY files hold it in doubles, GLB files do not" in told
+    assert "rounded to 32-bit floats the map has 2 folds: PLY and OBJ files hold all digits, GLB files do not" in told
     told = "\n".join(notes({**report, "fallback": {"from": "free", "to": "disk", "reason": "3 folds are left"}}))
     assert "instead of free, mapped to disk: 3 folds are left" in told

@@ -13,6 +13,7 @@ from pgcp.errors import FoldError, SolveFailedError, WeldFailedError
 from pgcp.folds.embed import drawn_back, embed_disk, embed_sphere
 from pgcp.folds.regions import regions_around
 from pgcp.folds.repair import Surroundings, repair_folds
+from pgcp.folds.untangle import _better_place
 from pgcp.interface import whole_mesh
 from pgcp.methods import pgcp as welds
 from pgcp.options import REPAIRS
@@ -290,3 +291,12 @@ def test_an_open_surface_whose_welds_all_fail_is_embedded_in_the_disk(monkeypatc
         assert (result.target, result.quality.folds) == ("disk", 0)
         assert result.report["fallback"] == {"from": target, "to": "disk (embedding)", "reason": "made to fail"}
         assert len(result.report["patches"]) == 1
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-120, 1e-160, 1e-250])
+def test_stars_of_any_size_are_untangled(size):
+    """In long thin parts areas are less than the least number that doubles hold."""
+    ring = np.exp(2j * np.pi * np.arange(5) / 5) * size
+    place = _better_place(complex(1.2 * size), ring, np.roll(ring, -1), np.ones(5))
+    assert place is not None
+    assert abs(place) < 0.9 * size

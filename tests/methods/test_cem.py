@@ -26,6 +26,15 @@ def test_a_triangle_is_mapped_exactly(name, method):
         assert np.abs(result.mu).max() < 1e-9
 
 
+@pytest.mark.parametrize("method", ["cdcp", "cem"])
+def test_three_boundary_vertices_are_enough(method):
+    """Of a flat pyramid, whose harmonic boundary (CDCP eq. 18) does not go around the pole."""
+    points = np.array([(0, 0, 0), (1, 0, 0), (0.4, 1, 0), (0.45, 0.3, 2)])
+    result = pgcp.parameterize(Mesh(points, np.array([[0, 1, 3], [1, 2, 3], [2, 0, 3]])), method=method, target="disk")
+    assert result.quality.folds == 0
+    assert np.abs(np.linalg.norm(result.coordinates[:3], axis=1) - 1).max() < 1e-12
+
+
 def test_arcs_of_a_triangle_are_twice_its_angles():
     assert inscribed(np.array(TRIANGLES["right"], float)) == pytest.approx([0, np.pi / 2, 3 * np.pi / 2])
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from meshes import cap, grid, lifted, tetrahedron
 from pgcp.partition.dual_graph import dual_graph, edge_lengths, vertex_starts
-from pgcp.partition.kway import bisection_labels
+from pgcp.partition.kway import bisection_labels, has_metis, metis_labels
 from pgcp.partition.smooth import shorten_seams
 
 from pgcp.partition import PartitionError, check_partition, cut_labels, make_disks, partition_faces, seam_table
@@ -180,3 +180,14 @@ def test_impossible_counts_are_refused():
         partition_faces(mesh.vertices, mesh.faces, twins, 0)
     labels = partition_faces(mesh.vertices, mesh.faces, twins, 2)
     assert check_partition(mesh.faces, twins, labels, 2).is_valid
+
+
+@pytest.mark.skipif(not has_metis(), reason="pymetis is not installed")
+def test_edges_without_length_can_be_cut():
+    """Where most edges have none, as on a surface of voxels, their median is no measure."""
+    mesh = grid(6)
+    dual = dual_graph(pair_half_edges(mesh.faces, len(mesh.vertices)), edge_lengths(mesh.vertices, mesh.faces)).tocsr()
+    dual.data[::2] = dual.data[1::4] = 0.0
+    assert np.median(dual.data) == 0
+    labels = metis_labels(dual, np.ones(len(mesh.faces), np.int64), 4, 0)
+    assert np.bincount(labels).min() > 0

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from meshes import grid, icosphere
 
 import pgcp
 from pgcp.finish.place import Unplaced, as_they_are, scale_only, turn_by_axes
+from pgcp.finish.quality import single_precision_folds
+from pgcp.finish.unit_square import in_unit_square
 from pgcp.io.write import write_outputs
 from pgcp.plane.space import PLANE, SPHERE, find_folds
-from pgcp.retry.placed import single_precision_folds
 from pgcp.surface.topology import examine
 from pgcp.types import Mesh
 
@@ -61,6 +64,32 @@ def test_coordinates_that_32_bits_would_fold_are_written_as_doubles(tmp_path, sm
     write_outputs(tmp_path, "m", result, {}, kinds=["ply"])
     header = (tmp_path / "m.ply").read_bytes().split(b"end_header")[0]
     assert (b"property double s" if small else b"property float s") in header
+
+
+def test_texture_coordinates_say_what_rounding_folds(tmp_path):
+    mesh = grid(2)
+    near = mesh.vertices[:, :2].copy()
+    near[near == 0.5] = 1e-40  # doubles have room for it at 0, but not in the middle of the unit square
+    near[near == 0.0] = -1e-40
+    near[near == 1.0] = 2.0
+    assert len(find_folds(PLANE, mesh.faces, PLANE.positions(near))) == 0
+    record = in_unit_square(mesh, near).record
+    assert record["folds"] > 0
+    assert record["single_precision_folds"] >= record["folds"]
+    far = in_unit_square(mesh, 1e-12 * mesh.vertices[:, :2]).record  # it is as large as any in the unit square
+    assert far["folds"] == far["single_precision_folds"] == 0
+
+
+@pytest.mark.parametrize("uv", ["unit", "surface"])
+def test_files_hold_all_digits_where_those_written_need_them(tmp_path, uv):
+    mesh = grid(4)
+    result = pgcp.parameterize(mesh, target="free")
+    small = replace(result, coordinates=1e-12 * result.coordinates, report={**result.report, "single_precision_folds": 9})
+    write_outputs(tmp_path, "m", small, None, kinds=["ply", "obj"], layout=small.layout(uv))
+    header = (tmp_path / "m.ply").read_bytes().split(b"end_header")[0]
+    assert (b"property double s" if uv == "surface" else b"property float s") in header
+    texts = [line.split()[1] for line in (tmp_path / "m.obj").read_text().splitlines() if line.startswith("vt")]
+    assert (max(map(len, texts)) > 12) == (uv == "surface")
 
 
 def test_folds_in_32_bits_are_counted_in_any_space():

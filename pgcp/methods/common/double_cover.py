@@ -114,8 +114,10 @@ def circle_boundary(h: ComplexArray) -> ComplexArray:
     """Boundary points (n_B,) on the unit circle, the first at 1: the conformal map of what lies outside h (CDCP eq. 1-6).
 
     h (n_B,) clockwise around 0; infinity, the pole, goes to 0. Raises SolveFailedError where h crosses itself, CrowdedError
-    where points cannot be told apart on the circle.
+    where points cannot be told apart on the circle. Three points are taken evenly: a Moebius map of the disk brings any there.
     """
+    if len(h) == 3:
+        return np.exp(2j * np.pi * np.arange(3) / 3)
     curve = np.abs(h).mean() / h
     plane = geodesic_map(curve, np.zeros(1, np.complex128))
     if isinstance(plane, int):
