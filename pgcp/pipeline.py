@@ -37,7 +37,7 @@ from pgcp.runtime.sizing import Plan, make_plan
 from pgcp.runtime.versions import package_versions
 from pgcp.surface.topology import Topology
 from pgcp.targets.base import Target
-from pgcp.targets.fitting import Asked, check_options
+from pgcp.targets.fitting import Asked, check_centre_is_inside, check_options
 from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Parameterization, Quality
 
 
@@ -101,6 +101,7 @@ def _taken_in(mesh_of: Callable[[], Mesh], method: Method, options: Options, clo
         mended, target = seen.mended or unmended(mesh), asked_for.chosen(topology)
         check_options(options, mesh, target)
         options = _renumbered(options, mended)
+        check_centre_is_inside(options.centre, topology, target)
         cuts = None if options.cuts is None else read_cuts(options.cuts)
         return _Taken(geometry.mesh, topology, geometry, mended, target, options, cuts)
 
