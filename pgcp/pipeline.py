@@ -40,7 +40,7 @@ from pgcp.runtime.sizing import Plan, make_plan
 from pgcp.runtime.versions import package_versions
 from pgcp.surface.topology import Topology, examine
 from pgcp.targets.base import Target
-from pgcp.targets.fitting import Asked, check_options
+from pgcp.targets.fitting import Asked, check_centre_is_inside, check_options
 from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Origin, Parameterization, Quality, Source
 
 
@@ -114,6 +114,7 @@ def _taken_in(source_of: Callable[[], Mesh | Source], method: Method, options: O
             options = replace(options, centre=given.vertex_now(options.centre))
         check_options(options, given.mesh, target)
         options = _renumbered(options, mended)
+        check_centre_is_inside(options.centre, topology, target)
         cuts = None if options.cuts is None else given.vertices_now(read_cuts(options.cuts))
         return _Taken(source, cut, geometry.mesh, topology, geometry, given, mended, target, options, cuts)
 

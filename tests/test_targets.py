@@ -318,3 +318,10 @@ def test_no_weight_is_raised_without_need():
     assert raised == 0
     assert np.abs(laplacian - cotangent_laplacian(mesh.vertices, mesh.faces)).max() < 1e-12
     assert np.isfinite(cotangents(mesh.vertices, mesh.faces)).all()
+
+
+def test_a_centre_on_the_boundary_is_refused_before_anything_is_mapped(monkeypatch):
+    mesh = grid(4)
+    monkeypatch.setattr("pgcp.pipeline.map_mesh", None)
+    with pytest.raises(pgcp.InputError, match="vertex 0 is on the boundary: it cannot be the centre of the disk"):
+        pgcp.parameterize(mesh, target="disk", centre=0)

@@ -83,6 +83,12 @@ def check_options(options: Options, mesh: Mesh, target: Target) -> None:
         _check_centre(options.centre, options.moebius, mesh, target)
 
 
+def check_centre_is_inside(centre: int | None, topology: Topology, target: Target) -> None:
+    """Raise InputError where the centre, in the numbers of the mesh of this topology, is on the boundary."""
+    if centre is not None and any((loop == centre).any() for loop in topology.loops):
+        raise InputError(f"vertex {centre} is on the boundary: it cannot be the centre of the {target.name}")
+
+
 def _check_centre(centre: int, moebius: str, mesh: Mesh, target: Target) -> None:
     if not target.has_centre:
         able = " and ".join(other.name for other in TARGETS.all() if other.has_centre)
