@@ -300,3 +300,13 @@ def test_stars_of_any_size_are_untangled(size):
     place = _better_place(complex(1.2 * size), ring, np.roll(ring, -1), np.ones(5))
     assert place is not None
     assert abs(place) < 0.9 * size
+
+
+def test_untangling_ends_after_so_many_moves(monkeypatch):
+    """Around a vertex of thousands of faces each move is dear."""
+    mesh, _, z = folded_map(count=1)
+    here, calls = surroundings(mesh), []
+    monkeypatch.setattr("pgcp.folds.untangle._MOST_ROWS", 3 * 420)
+    monkeypatch.setattr("pgcp.folds.untangle._move_in_plane", lambda *_: calls.append(1))
+    repair_folds(here, z, ("untangle",))
+    assert len(calls) == 3
