@@ -24,6 +24,7 @@ from pgcp.surface.operators import cotangent_laplacian
 from pgcp.types import ComplexArray, FloatArray, IntArray
 
 _IN_ITS_PLACE = "superlu"  # for what the nested elimination cannot do: the same on every machine, with MKL or without
+_NOT_FINITE = "the Laplacian has entries that are not finite: a face has zero area"
 _LEAST_FOR_PARDISO = 16  # inner vertices: in Schur mode MKL 2026.2 crashes now and then where there are two or three
 
 
@@ -129,6 +130,21 @@ def harmonic_solver(
     return eliminate_mesh(vertices, faces, kept, _IN_ITS_PLACE if backend == "nested" else backend, mollification)
 
 
+def extend_once(laplacian: csr_array, kept: IntArray, values: ComplexArray) -> ComplexArray:
+    """Extend values (n_K,) at ``kept`` (n_K,) harmonically by any symmetric Laplacian (n, n), however many there are.
+
+    Nothing dense is made, which ``eliminate_interior`` does of all kept vertices. Raises SolveFailedError where the interior
+    block is singular or an entry is not finite.
+    """
+    from pgcp.elimination.superlu import harmonic_extension
+
+    if not np.isfinite(laplacian.data).all():
+        raise SolveFailedError(_NOT_FINITE)
+    inner = np.ones(laplacian.shape[0], bool)
+    inner[kept] = False
+    return harmonic_extension(laplacian, np.flatnonzero(inner), kept, values)
+
+
 def eliminate_interior(laplacian: csr_array, boundary: IntArray, backend: str = "superlu") -> DirichletFactor:
     """Factor any Laplacian (n, n), symmetric, with ``boundary`` (n_B,) kept last; nested stands for superlu.
 
@@ -137,7 +153,7 @@ def eliminate_interior(laplacian: csr_array, boundary: IntArray, backend: str = 
     Raises SolveFailedError where the interior block is singular or a value is not finite.
     """
     if not np.isfinite(laplacian.data).all():
-        raise SolveFailedError("the Laplacian has entries that are not finite: a face has zero area")
+        raise SolveFailedError(_NOT_FINITE)
     interior_mask = np.ones(laplacian.shape[0], bool)
     interior_mask[boundary] = False
     interior = np.flatnonzero(interior_mask)

@@ -54,6 +54,27 @@ def _forward_substitute(indptr: IntArray, indices: IntArray, data: FloatArray, f
         x[column] = value / data[stop - 1] if column < first_boundary else value
 
 
+def harmonic_extension(laplacian: csr_array, interior: IntArray, boundary: IntArray, values: ComplexArray) -> ComplexArray:
+    """Harmonic values (n,) of a Laplacian (n, n) with those at ``boundary`` (n_B,) given; see ``dirichlet.extend_once``."""
+    out = np.empty(laplacian.shape[0], np.complex128)
+    out[boundary] = values
+    if len(interior) == 0:
+        return out
+    if len(interior) > 1:
+        interior = interior[_interior_order(laplacian, interior)]
+    rows = laplacian[interior]
+    try:
+        options = {"SymmetricMode": True, "Equil": False}
+        lu = splu(csc_array(rows[:, interior]), "NATURAL", 0.0, options=options)
+    except RuntimeError as problem:
+        raise SolveFailedError(f"SuperLU could not factor a Laplacian of {len(out)} vertices: {problem}") from problem
+    if not np.array_equal(lu.perm_r, lu.perm_c):
+        raise SolveFailedError("SuperLU pivoted off the diagonal: the interior block is not definite")
+    load = -(rows[:, boundary] @ values)
+    out[interior] = lu.solve(np.ascontiguousarray(load.real)) + 1j * lu.solve(np.ascontiguousarray(load.imag))
+    return out
+
+
 class SuperLUFactor:
     """L = P^T (L U) P with the boundary last; only the rows of U are kept (U is D L^T, and a zero right-hand
     side is zero after forward elimination)."""

@@ -13,7 +13,7 @@ import numba
 import numpy as np
 from scipy.sparse import csr_array
 
-from pgcp.elimination.dirichlet import eliminate_interior
+from pgcp.elimination.dirichlet import extend_once
 from pgcp.plane.mobius import rotation_to_north, to_plane
 from pgcp.plane.space import Space
 from pgcp.surface.beltrami import folded_faces_on_sphere
@@ -36,9 +36,7 @@ def _positive(mesh: Mesh, used: IntArray, faces: IntArray, mollification: float,
     return positive_laplacian(mesh.vertices[used], faces, everywhere, _LEAST_WEIGHT, mollification)[0]
 
 
-def embed_disk(
-    mesh: Mesh, z: ComplexArray, boundary: IntArray, mollification: float, backend: str, uniform: bool = False
-) -> ComplexArray:
+def embed_disk(mesh: Mesh, z: ComplexArray, boundary: IntArray, mollification: float, uniform: bool = False) -> ComplexArray:
     """Map an open disk into the polygon of its boundary's positions z[boundary], which must be convex, without folds.
 
     With ``uniform`` weights parts that are long and thin shrink less. Vertices used by no face keep their positions.
@@ -46,10 +44,8 @@ def embed_disk(
     used, local = np.unique(mesh.faces, return_inverse=True)
     laplacian = _positive(mesh, used, local.reshape(-1, 3), mollification, uniform)
     rim = np.searchsorted(used, boundary)
-    factor = eliminate_interior(laplacian, rim, backend)
     out = z.copy()
-    out[used] = factor.extend(z[boundary])
-    factor.release()
+    out[used] = extend_once(laplacian, rim, z[boundary])
     out[boundary] = z[boundary]
     return out
 
@@ -90,7 +86,7 @@ def _lift(faces: IntArray, twins: IntArray, z: ComplexArray, stress: FloatArray,
     return out
 
 
-def embed_sphere(mesh: Mesh, points: FloatArray, mollification: float, backend: str, uniform: bool = False) -> FloatArray:
+def embed_sphere(mesh: Mesh, points: FloatArray, mollification: float, uniform: bool = False) -> FloatArray:
     """Map a closed surface of genus 0 onto the unit sphere without folds, near the map ``points`` (V, 3) where that is good.
 
     The face with the largest image is the lid. Weights as in ``embed_disk``; vertices used by no face keep their positions.
@@ -105,9 +101,7 @@ def embed_sphere(mesh: Mesh, points: FloatArray, mollification: float, backend: 
     laplacian = _positive(mesh, used, faces, mollification, uniform)
     rim = faces[lid]
     before = to_plane(points[used] @ rotation.T)
-    factor = eliminate_interior(laplacian, rim, backend)
-    z = factor.extend(before[rim])
-    factor.release()
+    z = extend_once(laplacian, rim, before[rim])
     z[rim] = before[rim]
     # what is held is next to infinity: where the rest comes to lie is better told by the rest
     weight = 1.0 / (1.0 + np.abs(before) ** 2)

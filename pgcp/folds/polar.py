@@ -231,8 +231,10 @@ def _polar(mesh: Mesh, rim: IntArray, weights: _Weights) -> Polar:
     """See ``polar_map``; every vertex is used."""
     faces, n = mesh.faces.astype(np.int64), len(mesh.vertices)
     tip, far = far_ends(mesh.vertices, faces, rim, weights.laplacian(mesh.vertices, faces), weights.backend)
+    if tip in rim:
+        raise SolveFailedError("the surface has no inner tip")
     links = [_link(faces, tip)] + ([_link(faces, far)] if far >= 0 else [])
-    if len(np.intersect1d(links[0], rim if far < 0 else links[1])) or (far >= 0 and far in links[0]) or tip in rim:
+    if len(np.intersect1d(links[0], rim if far < 0 else links[1])) or (far >= 0 and far in links[0]):
         raise SolveFailedError("the surface has no two ends apart from each other")
     at_tip, at_far = (faces == tip).any(axis=1), (faces == far).any(axis=1)
     twins = pair_half_edges(faces, n)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
-from pgcp.elimination.dirichlet import eliminate_interior
+from pgcp.elimination.dirichlet import extend_once
 from pgcp.plane.space import Chart
 from pgcp.surface.beltrami import beltrami_coefficients, folded_faces
 from pgcp.surface.operators import cotangent_laplacian, positive_laplacian, triangle_laplacian
@@ -79,31 +79,29 @@ def can_be_solved(region: Region, chart: Chart) -> bool:
     return chart.usable and 0 < count <= min(_MOST_HELD, len(region.held) - 1)
 
 
-def _extended(laplacian: csr_array, region: Region, z: ComplexArray, backend: str) -> ComplexArray:
+def _extended(laplacian: csr_array, region: Region, z: ComplexArray) -> ComplexArray:
     """Positions with those of the held vertices kept and the rest harmonic."""
     rim = np.flatnonzero(region.held)
-    factor = eliminate_interior(laplacian, rim, backend)
-    moved: ComplexArray = z[rim[0]] + factor.extend(z[rim] - z[rim[0]])
-    factor.release()
+    moved: ComplexArray = z[rim[0]] + extend_once(laplacian, rim, z[rim] - z[rim[0]])
     moved[rim] = z[rim]
     return moved
 
 
-def relaxed(mesh: Mesh, region: Region, z: ComplexArray, mollification: float, backend: str) -> ComplexArray:
+def relaxed(mesh: Mesh, region: Region, z: ComplexArray, mollification: float) -> ComplexArray:
     """Discrete harmonic map of the region, seams in it included, with the held vertices kept (PGCP eq. 4.22)."""
     laplacian = cotangent_laplacian(mesh.vertices[region.vertex_ids], region.faces, mollification)
-    return _extended(laplacian, region, z, backend)
+    return _extended(laplacian, region, z)
 
 
-def averaged(mesh: Mesh, region: Region, z: ComplexArray, mollification: float, backend: str) -> ComplexArray:
+def averaged(mesh: Mesh, region: Region, z: ComplexArray, mollification: float) -> ComplexArray:
     """The same with weights made positive: every free vertex is a mean of its neighbours (Tutte 1963, Floater 2003)."""
     everywhere = np.ones(len(region.faces), bool)
     vertices = mesh.vertices[region.vertex_ids]
     laplacian, _ = positive_laplacian(vertices, region.faces, everywhere, _LEAST_WEIGHT, mollification)
-    return _extended(laplacian, region, z, backend)
+    return _extended(laplacian, region, z)
 
 
-def composed(mesh: Mesh, region: Region, z: ComplexArray, mollification: float, backend: str) -> ComplexArray:
+def composed(mesh: Mesh, region: Region, z: ComplexArray, mollification: float) -> ComplexArray:
     """Compose the map with the quasi-conformal one that takes its folds away, again while fewer are left.
 
     PGCP section 3.5: by eq. 3.16 there is a map after which the Beltrami coefficient mu of the composition is any nu;
@@ -117,7 +115,7 @@ def composed(mesh: Mesh, region: Region, z: ComplexArray, mollification: float, 
         mu = beltrami_coefficients(vertices, region.faces, best)
         nu = mu * np.minimum(1.0, _CHOPPED / np.maximum(np.abs(mu), _CHOPPED))
         laplacian = triangle_laplacian(_deformed(vertices, region.faces, nu), region.faces, len(vertices))
-        moved = _extended(laplacian, region, best, backend)
+        moved = _extended(laplacian, region, best)
         folds = len(folded_faces(region.faces, moved))
         if folds >= least:
             break

@@ -32,7 +32,7 @@ _RINGS = (3, 12, 48)
 _UNTANGLE_RINGS = 8
 _EVERYTHING = -1
 _SHORTEST = 1e-6
-_SOLVERS: dict[str, Callable[[Mesh, Region, ComplexArray, float, str], ComplexArray]] = {
+_SOLVERS: dict[str, Callable[[Mesh, Region, ComplexArray, float], ComplexArray]] = {
     "relax": relaxed,
     "compose": composed,
     "average": averaged,
@@ -52,7 +52,7 @@ class Repair:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surroundings:
-    """What a repair needs to know of a map: its mesh, space, outer boundary (none on a sphere), and how to solve.
+    """What a repair needs to know of a map: its mesh, space, outer boundary (none on a sphere), and its mollification.
 
     has_free_boundary: whether single boundary vertices may be moved; such a map has no convex image to embed the mesh into.
     """
@@ -61,7 +61,6 @@ class Surroundings:
     space: Space
     boundary: IntArray
     mollification: float
-    backend: str
     has_free_boundary: bool = False
 
     def fixed(self, method: str) -> BoolArray:
@@ -83,7 +82,7 @@ def _improved(here: Surroundings, region: Region, points: Positions, method: str
     if not can_be_solved(region, chart):
         return None
     try:
-        z = _SOLVERS[method](here.mesh, region, chart.z, here.mollification, here.backend)
+        z = _SOLVERS[method](here.mesh, region, chart.z, here.mollification)
     except SolveFailedError:
         return None
     moved = chart.points(z)
@@ -123,9 +122,9 @@ def _safe(here: Surroundings, points: Positions, uniform: bool) -> Positions | N
     """The map that cannot fold, near the given positions; None where it cannot be solved."""
     try:
         if here.space.closed:
-            out: Positions = embed_sphere(here.mesh, points, here.mollification, here.backend, uniform)
+            out: Positions = embed_sphere(here.mesh, points, here.mollification, uniform)
         else:
-            out = embed_disk(here.mesh, points, here.boundary, here.mollification, here.backend, uniform)
+            out = embed_disk(here.mesh, points, here.boundary, here.mollification, uniform)
     except SolveFailedError:
         return None
     return out if np.isfinite(out).all() else None

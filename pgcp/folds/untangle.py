@@ -26,6 +26,8 @@ _ALWAYS = 50
 _ENOUGH = 0.1
 _STEPS = np.linspace(0.05, 1.0, 20)
 _LOWEST = 0.05
+_MOST_ROWS = 1_000_000  # of all linear programmes together, each counted with _ROWS more: seconds
+_ROWS = 400
 _SMALLEST = 1e-290  # what a product of two relative numbers is divided by
 
 
@@ -111,8 +113,9 @@ def _move_on_sphere(points: FloatArray, vertex: int, p: IntArray, q: IntArray, s
 def untangle(space: Space, mesh: Mesh, region: Region, points: Positions) -> Positions:
     """Move the region's free vertices around folds until no face of it is folded, or no move helps.
 
-    Returns new positions of its vertices, of the round that left fewest folds. Many folds (over half a percent of the
-    mesh's faces and over 50) are left as they are: then the map is wrong, and moving vertices would only hide it.
+    Returns new positions of its vertices, of the round that left fewest folds; it ends after some thousand moves. Many folds
+    (over half a percent of the mesh's faces and over 50) are left as they are: then the map is wrong, and moving vertices would
+    only hide it.
     """
     here = points[region.vertex_ids]
     folded = find_folds(space, region.faces, here)
@@ -121,12 +124,16 @@ def untangle(space: Space, mesh: Mesh, region: Region, points: Positions) -> Pos
     best, idle = (len(folded), here.copy()), 0
     surface = face_areas(mesh.vertices[region.vertex_ids], region.faces)
     move: Any = _move_on_sphere if space.closed else _move_in_plane
+    rows = 0
     for _ in range(_ROUNDS):
         vertices = np.unique(region.faces[folded])
         near = np.flatnonzero(rings_around(region.faces, folded, 1, len(here)))
         changed = False
         for vertex in vertices[~region.held[vertices]].tolist():
             around, p, q = _star(region.faces, near, vertex)
+            rows += _ROWS + len(around)
+            if rows > _MOST_ROWS:
+                break
             place = move(here, vertex, p, q, surface[around])
             if place is not None:
                 here[vertex] = place
@@ -136,6 +143,6 @@ def untangle(space: Space, mesh: Mesh, region: Region, points: Positions) -> Pos
             best, idle = (len(folded), here.copy()), 0
         else:
             idle += 1
-        if len(folded) == 0 or not changed or idle == _IDLE_ROUNDS:
+        if len(folded) == 0 or not changed or idle == _IDLE_ROUNDS or rows > _MOST_ROWS:
             break
     return best[1]

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from pgcp.errors import CrowdedError, LostFileError, WeldFailedError
+from pgcp.errors import CrowdedError, LostFileError, SolveFailedError, WeldFailedError
 from pgcp.interface.factor import InterfaceFactor
 from pgcp.methods.base import EXACT, FAILURES, Attempt, Choice, Failure, Method, Route
 from pgcp.patches.mapped import Mapped, Weld
@@ -21,6 +21,7 @@ from pgcp.runtime.executors import Join, JoinTree, Speculation, Tasks
 from pgcp.types import ComplexArray, Positions
 
 _SEEDS = 3
+_LONGEST = 3000  # boundary vertices: exact seams need a dense matrix with two rows for each
 
 
 class Welding:
@@ -177,6 +178,9 @@ class Welds:
             return Failure("flatten" if stage == "flatten" else "weld", problem, stage)
 
     def _exact(self) -> Mapped | Failure:
+        if len(self._run.boundary) > _LONGEST and self._run.options.seams != EXACT:
+            reason = f"a boundary of {len(self._run.boundary)} vertices is too long for all of it to be solved at once"
+            return Failure("exact", SolveFailedError(reason), EXACT)
         apart = replace(self._parts, job=self._parts.job.for_use(EXACT))  # other factors of the same patches
         try:
             exact: Mapped = self._run.target.solve_exactly(self._run, apart)

@@ -37,6 +37,7 @@ from pgcp.targets.registry import TARGETS
 from pgcp.types import ComplexArray, IntArray
 
 _LISTED = 10
+_LONGEST = 3000  # boundary vertices that there is a patch for, where fewer patches are tried: each is solved densely
 _BEYOND_WELDS = 75.0  # log of a range of scales that no weld keeps: digits for half of it from either end
 _SQUEEZED = 20.0  # log of a range of scales at which welds fail because parts are long and thin
 _WRONG_DEG = 20.0  # mean angle error from which on a map without folds is not taken before others are tried
@@ -88,8 +89,9 @@ class _Splits:
 
 def _choice(run: Run) -> Choice:
     """What attempts may be made of."""
-    options, fewest = run.options, run.fewest_patches
-    count = max(fewest, run.patch_count)
+    options = run.options
+    count = max(run.fewest_patches, run.patch_count)
+    fewest = max(run.fewest_patches, min(count, len(run.boundary) // _LONGEST))
     varies = options.cuts is None and count > fewest and options.seams != "exact"
     exact_first = options.seams == "exact" or (options.patches == 1 and run.is_closed)
     return Choice(count, options.seed, fewest, varies, exact_first)

@@ -69,7 +69,7 @@ def are_few(run: Run, folds: int) -> bool:
 
 def surroundings(run: Run, target: Target) -> Surroundings:
     """What repairs need to know of a map to a target."""
-    return Surroundings(run.mesh, target.space, run.boundary, run.mollification, run.job.backend, target.has_free_boundary)
+    return Surroundings(run.mesh, target.space, run.boundary, run.mollification, target.has_free_boundary)
 
 
 def local_repairs(run: Run) -> tuple[str, ...]:

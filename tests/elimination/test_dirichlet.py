@@ -5,8 +5,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from meshes import cap, grid, lifted
+from scipy.sparse import csr_array
 
-from pgcp.elimination.dirichlet import available_backends, choose_backend, eliminate_interior
+from pgcp.elimination.dirichlet import available_backends, choose_backend, eliminate_interior, extend_once
 from pgcp.errors import InputError, SolveFailedError
 from pgcp.surface.operators import cotangent_laplacian, cotangents, face_areas
 from pgcp.surface.topology import examine
@@ -157,3 +158,29 @@ def test_few_inner_vertices_are_not_given_to_pardiso():
         return type(eliminate_interior(cotangent_laplacian(mesh.vertices, mesh.faces), loop_of(mesh), "pardiso")).__name__
 
     assert [kind(2), kind(4), kind(6)] == ["SuperLUFactor", "SuperLUFactor", "PardisoFactor"]
+
+
+def test_an_extension_once_is_that_of_the_factor_and_makes_nothing_dense(hills):
+    laplacian, boundary = cotangent_laplacian(hills.vertices, hills.faces), loop_of(hills)
+    values = np.exp(1j * np.arange(len(boundary)))
+    expected = eliminate_interior(laplacian, boundary).extend(values)
+    assert extend_once(laplacian, boundary, values) == pytest.approx(expected, abs=1e-12)
+    everything = np.arange(laplacian.shape[0])
+    assert np.array_equal(extend_once(laplacian, everything, everything + 0j), everything)
+    # a dense operator of these would need 80 GB
+    n = 100_000
+    spokes = np.arange(1, n + 1)
+    wheel = csr_array(
+        (
+            np.r_[float(n), np.ones(n), -np.ones(2 * n)],
+            (np.r_[0, spokes, 0 * spokes, spokes], np.r_[0, spokes, spokes, 0 * spokes]),
+        )
+    )
+    assert extend_once(wheel, spokes, spokes + 0j)[0] == pytest.approx(spokes.mean())
+
+
+def test_an_extension_that_cannot_be_is_said():
+    with pytest.raises(SolveFailedError, match="not finite"):
+        extend_once(csr_array(np.full((3, 3), np.nan)), np.array([0]), np.ones(1, complex))
+    with pytest.raises(SolveFailedError, match="SuperLU could not factor"):
+        extend_once(csr_array(np.diag([1.0, 0.0, 0.0])), np.array([0]), np.ones(1, complex))

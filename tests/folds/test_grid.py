@@ -72,7 +72,7 @@ def test_coordinates_are_whole_numbers_on_a_small_grid(name):
 
 def test_a_surface_of_which_no_other_embedding_is_free_of_folds_has_this_one():
     mesh = MESHES["needle"]
-    points = embedding_alone(Surroundings(mesh, SPHERE, np.empty(0, np.int64), 0.0, "superlu"))
+    points = embedding_alone(Surroundings(mesh, SPHERE, np.empty(0, np.int64), 0.0))
     assert len(find_folds(SPHERE, mesh.faces, points)) == 0
 
 

@@ -62,7 +62,7 @@ def test_uniform_weights_shrink_a_needle_until_it_folds():
     (loop,) = examine(mesh.faces, len(mesh.vertices)).loops
     z = np.zeros(len(mesh.vertices), complex)
     z[loop] = np.exp(2j * np.pi * np.arange(3) / 3)
-    assert len(find_folds(PLANE, mesh.faces, embed_disk(mesh, z, loop, 0.0, "superlu", True))) > 100
+    assert len(find_folds(PLANE, mesh.faces, embed_disk(mesh, z, loop, 0.0, True))) > 100
 
 
 def test_what_is_no_triangulation_without_double_edges_is_refused():

@@ -272,7 +272,13 @@ def _inexact(case: Case, target: str, error: float) -> list[str]:
         return []
     if target == "free" and shape.is_flat and error > _FLAT_DEG:
         return [f"a surface that unfolds has a mean error of {error} degrees"]
-    if shape.image is None or len(shape.faces) < _FINE or case.method != "pgcp" or {"scp", "relax"} & set(words):
+    if (
+        "--moebius" in words
+        or shape.image is None
+        or len(shape.faces) < _FINE
+        or case.method != "pgcp"
+        or {"scp", "relax"} & set(words)
+    ):
         return []
     most = (
         _NEAR * mean_error(shape.vertices, shape.faces, shape.image) + _ROUGH_DEG[0] + _ROUGH_DEG[1] / np.sqrt(len(shape.faces))

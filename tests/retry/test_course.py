@@ -45,6 +45,7 @@ def kept(folds, monkeypatch, patches=4):
         patch_count=patches,
         fewest_patches=1,
         is_closed=False,
+        boundary=range(12),
         target=SimpleNamespace(has_free_boundary=True),
     )
     monkeypatch.setattr(course, "target_of", lambda target: target)
@@ -77,3 +78,10 @@ def test_the_first_map_without_folds_ends_the_search(monkeypatch):
     assert len(made) == 2
     order = list(welds_and_exact(Choice(4)))
     assert made[0] == order[0]
+
+
+@pytest.mark.parametrize(("vertices", "fewest"), [(200, 1), (7000, 2), (90_000, 8)])
+def test_patches_keep_to_boundaries_that_can_be_solved_densely(vertices, fewest):
+    run = SimpleNamespace(options=Options(), patch_count=8, fewest_patches=1, is_closed=False, boundary=range(vertices))
+    assert course._choice(run).fewest == fewest
+    assert min(attempt.patches for attempt in welds_and_exact(course._choice(run))) == fewest
