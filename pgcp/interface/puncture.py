@@ -156,6 +156,8 @@ def _rotation_from(points: FloatArray, region: BoolArray, ring: IntArray) -> Flo
     from scipy.spatial import cKDTree
 
     distance = cKDTree(points[ring]).query(points[region])[0]
+    if not distance.max() > 0.0:
+        raise SolveFailedError("the map of the opened surface brings all of a part to its rim")
     pole = (distance / distance.max()) ** _FARTHEST @ points[region]
     return rotation_to_north(-pole / np.linalg.norm(pole))
 

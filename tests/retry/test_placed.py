@@ -85,7 +85,7 @@ def test_files_hold_all_digits_where_those_written_need_them(tmp_path, uv):
     mesh = grid(4)
     result = pgcp.parameterize(mesh, target="free")
     small = replace(result, coordinates=1e-12 * result.coordinates, report={**result.report, "single_precision_folds": 9})
-    write_outputs(tmp_path, "m", small, None, kinds=["ply", "obj"], layout=small.layout(uv))
+    write_outputs(tmp_path, "m", small, {}, kinds=["ply", "obj"], layout=small.layout(uv))
     header = (tmp_path / "m.ply").read_bytes().split(b"end_header")[0]
     assert (b"property double s" if uv == "surface" else b"property float s") in header
     texts = [line.split()[1] for line in (tmp_path / "m.obj").read_text().splitlines() if line.startswith("vt")]
