@@ -130,6 +130,7 @@ def _deformed(vertices: FloatArray, faces: IntArray, nu: ComplexArray) -> Comple
     u, v = vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]]
     length = np.linalg.norm(u, axis=1)
     length = np.maximum(length, _THIN * np.linalg.norm(v, axis=1))
+    length[length == 0.0] = 1.0  # a face that is a point has no shape
     x = (u * v).sum(axis=1) / length
     y = np.linalg.norm(np.cross(u, v), axis=1) / length
     w = np.column_stack([np.zeros(len(faces)), length, x + 1j * np.maximum(y, _THIN * length)])

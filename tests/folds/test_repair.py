@@ -11,7 +11,7 @@ from meshes import grid, icosphere, similarity_error, spheroid
 import pgcp
 from pgcp.errors import FoldError, SolveFailedError, WeldFailedError
 from pgcp.folds.embed import drawn_back, embed_disk, embed_sphere
-from pgcp.folds.regions import regions_around
+from pgcp.folds.regions import _deformed, regions_around
 from pgcp.folds.repair import Surroundings, repair_folds
 from pgcp.folds.untangle import _better_place
 from pgcp.interface import whole_mesh
@@ -310,3 +310,9 @@ def test_untangling_ends_after_so_many_moves(monkeypatch):
     monkeypatch.setattr("pgcp.folds.untangle._move_in_plane", lambda *_: calls.append(1))
     repair_folds(here, z, ("untangle",))
     assert len(calls) == 3
+
+
+def test_a_face_that_is_a_point_has_some_shape():
+    corners = _deformed(np.zeros((3, 3)), np.array([[0, 1, 2]]), np.array([0.3 + 0.1j]))
+    assert np.isfinite(corners).all()
+    assert np.imag(np.conj(corners[0, 1] - corners[0, 0]) * (corners[0, 2] - corners[0, 0])) > 0
