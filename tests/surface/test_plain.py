@@ -80,7 +80,7 @@ def ring(n):
 REFUSED = {
     "ring": (ring(9), "2 boundary loops"),
     "torus": (torus(), "genus 1"),
-    "two": (Mesh(np.vstack([grid(4).vertices] * 2), np.vstack([grid(4).faces, grid(4).faces + 25])), "2 separate"),
+    "two": (Mesh(np.vstack([torus().vertices] * 2), np.vstack([torus().faces, torus().faces + 144])), "genus 1"),
     "holed": (Mesh(grid(20).vertices, grid(20).faces[~np.isin(grid(20).faces, [100, 200]).any(axis=1)]), "--fix would fill 2"),
     "fin": (Mesh(grid(4).vertices, np.vstack([grid(4).faces, [[6, 7, 24]]])), "--fix would cut 1 edge"),
     "bowtie": (Mesh(np.eye(5, 3) + 0.0, np.array([[0, 1, 2], [0, 3, 4]])), "touch in the vertex only"),
