@@ -111,28 +111,49 @@ def options_table() -> str:
     from pgcp.cli.parser import build_parser
 
     parser = build_parser()
-    formatter = parser._get_formatter()
-    text = ""
-    for group in parser._action_groups:
-        rows = []
-        for action in group._group_actions:
-            if action.help == argparse.SUPPRESS or "--help" in action.option_strings:
-                continue
-            names = action.option_strings or [str(action.metavar or action.dest).upper()]
-            value = "" if action.nargs == 0 or not action.option_strings else f" {action.metavar or action.dest.upper()}"
-            meaning = re.sub(r"\S*\d+\.\d+\.\d+\S*", "VERSION", formatter._expand_help(action)) if action.help else ""
-            meaning = re.sub(r"<\w+>\w*", r"`\g<0>`", meaning)
-            if action.choices:
-                meaning += f". One of {', '.join(f'`{choice}`' for choice in action.choices)}"
-            if action.choices and action.default is not None and "default" not in meaning:
-                meaning += f"; default `{action.default}`"
-            rows.append((", ".join(f"`{name}{value}`" for name in names), meaning))
-        if rows:
-            title = {"positional arguments": "Argument", "options": "Options"}.get(str(group.title), str(group.title))
-            head = ("option" if rows[0][0].startswith("`-") else "argument", "meaning")
-            about = f"{group.description}\n\n" if group.description else ""
-            text += f"### {title[:1].upper()}{title[1:]}\n\n{about}{table(head, rows)}\n"
-    return text
+    return "".join(group_table(group, parser._get_formatter()) for group in parser._action_groups)
+
+
+def group_table(group: argparse._ArgumentGroup, formatter: argparse.HelpFormatter) -> str:
+    """The options of a group under its title, nothing where there is none."""
+    rows = []
+    for action in group._group_actions:
+        if action.help == argparse.SUPPRESS or "--help" in action.option_strings:
+            continue
+        names = action.option_strings or [str(action.metavar or action.dest).upper()]
+        value = "" if action.nargs == 0 or not action.option_strings else f" {action.metavar or action.dest.upper()}"
+        meaning = re.sub(r"\S*\d+\.\d+\.\d+\S*", "VERSION", formatter._expand_help(action)) if action.help else ""
+        meaning = re.sub(r"<\w+>\w*", r"`\g<0>`", meaning)
+        if action.choices:
+            meaning += f". One of {', '.join(f'`{choice}`' for choice in action.choices)}"
+        if action.choices and action.default is not None and "default" not in meaning:
+            meaning += f"; default `{action.default}`"
+        rows.append((", ".join(f"`{name}{value}`" for name in names), meaning))
+    if not rows:
+        return ""
+    title = {"positional arguments": "Argument", "options": "Options"}.get(str(group.title), str(group.title))
+    head = ("option" if rows[0][0].startswith("`-") else "argument", "meaning")
+    about = f"{group.description}\n\n" if group.description else ""
+    return f"### {title[:1].upper()}{title[1:]}\n\n{about}{table(head, rows)}\n"
+
+
+def apps_table() -> str:
+    """Every application."""
+    from pgcp.apps.registry import APPS
+
+    return table(("command", "what it does"), [(f"[`pgcp {app.name}`](app-{app.name}.md)", app.summary) for app in APPS.all()])
+
+
+def app_options(name: str) -> str:
+    """What an application asks for, and the files that it writes; the options of maps are those of ``pgcp-run``."""
+    from pgcp.apps.registry import APPS
+    from pgcp.cli.parser import ASKED, app_parser
+
+    app = APPS.get(name)
+    parser = app_parser(app)
+    asked = next(group for group in parser._action_groups if group.title == ASKED)
+    files = table(("file", "what it is"), [(f"`{ending}`", what) for ending, what in app.writes.items()])
+    return f"{group_table(asked, parser._get_formatter())}\n### Files\n\n{files}"
 
 
 # Rooms ------------------------------------------------------------------------------------------------------------------------
@@ -353,12 +374,19 @@ PARTS: dict[str, Callable[[], str]] = {
     "targets": targets_table,
     "formats": formats_table,
     "rooms": rooms_table,
+    "apps": apps_table,
 }
+APP = "app-"
+
+
+def part(name: str) -> str:
+    """A generated part by its name; that of an application is called after it."""
+    return app_options(name.removeprefix(APP)) if name.startswith(APP) else PARTS[name]()
 
 
 def current(text: str) -> str:
     """A page with its generated parts as they should be."""
-    return PART.sub(lambda found: f"{found[1]}\n{PARTS[found[2]]().strip()}\n\n{found[3]}", text)
+    return PART.sub(lambda found: f"{found[1]}\n{part(found[2]).strip()}\n\n{found[3]}", text)
 
 
 def stale() -> dict[Path, str]:

@@ -29,7 +29,8 @@ ROOMS = {  # what each room may import beside itself and the ground
     "report": {"retry", "targets", "finish", "patches", "plane", "surface"},
     "partition": set(),
 }
-TOP = {"pipeline", "api", "result", "cli", "__init__", "__main__"}
+TOP = {"pipeline", "api", "result", "apps", "cli", "__init__", "__main__"}
+ABOVE_APPS = {"cli", "pipeline"}
 DRAWING = ("PIL", "matplotlib")
 
 
@@ -59,6 +60,8 @@ def test_a_room_imports_only_rooms_below_it(path, room, name):
             other = words[1]
             if room in GROUND:
                 assert other in GROUND, f"{name} is ground, but imports {target}"
+            elif room == "apps":
+                assert other not in ABOVE_APPS, f"{name} imports {target}"
             elif room in ROOMS:
                 assert other in ROOMS[room] | GROUND | {room}, f"{name} imports {target}"
             if room == "runtime" and other == "io":
@@ -68,7 +71,7 @@ def test_a_room_imports_only_rooms_below_it(path, room, name):
         if words[0] in ("dask", "distributed"):
             assert name.startswith("runtime.executors.")
         if words[0] in DRAWING:
-            assert room == "report"
+            assert room in ("report", "apps")
 
 
 def names_of(room):

@@ -23,8 +23,10 @@ from test_architecture import ROOMS
 
 import pgcp
 from pgcp import options
+from pgcp.apps.registry import APPS
+from pgcp.cli import apps
 from pgcp.cli.main import main
-from pgcp.cli.parser import build_parser
+from pgcp.cli.parser import app_parser, build_parser
 from pgcp.surface import demo
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -95,6 +97,8 @@ def run_command(command, folder):
     if words[0] == "cp":
         shutil.copy(folder / words[1], folder / words[2])
         return 0
+    if words[0] == "pgcp":
+        return apps.main(words[1:])
     assert words[0] in ("pgcp-run", "scripts/run"), f"{command}: neither run here nor listed in NOT_RUN"
     if "--workers" in words:
         return subprocess.run([sys.executable, "-m", "pgcp", *words[1:]], cwd=folder, check=False, timeout=300).returncode
@@ -162,6 +166,7 @@ def test_every_option_is_documented_and_exercised():
     for option in known:
         assert f"`{option}" in PAGE["command-line"], f"{option} is not documented"
         assert option in tests + run, f"{option} is not exercised"
+    known |= {option for app in APPS.all() for option in options_of(app_parser(app))}
     for page, text in PAGE.items():
         for option in re.findall(r"(--[a-z][a-z-]*)", "".join(re.findall(r"`[^`\n]+`", text))):
             assert option in known | OPTIONS_OF_SCRIPTS, f"{page} has {option}, the command has not"
@@ -199,6 +204,16 @@ def test_every_method_has_a_section(method):
 @pytest.mark.parametrize("target", [target.name for target in DOCS.targets()])
 def test_every_target_has_a_paragraph(target):
     assert re.search(rf"^\*\*{target}\.\*\*", PAGE["methods"], re.MULTILINE)
+
+
+@pytest.mark.parametrize("name", APPS.names())
+def test_every_application_has_a_page_with_commands_and_a_picture(name):
+    text = PAGE[f"app-{name}"]
+    assert f"<!-- generated: app-{name} -->" in text
+    assert any(
+        command.startswith(f"pgcp {name} ") for kind, block in blocks(text) if kind == "sh" for command, _ in commands(block)
+    )
+    assert re.search(r"!\[[^\]]+\]\(images/", text)
 
 
 def anchors(text):

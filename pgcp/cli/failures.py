@@ -6,10 +6,10 @@ import argparse
 import errno
 import json
 import signal
-import sys
+from collections.abc import Callable, Sequence
 
-from pgcp.cli.terminal import BAD_INPUT, BUG, NUMERICAL, STOPPED, STOPPED_BY, Signals, say
-from pgcp.errors import InputError, NumericalError, SolveFailedError, StoppedError
+from pgcp.cli.terminal import BAD_INPUT, BUG, GOOD, NUMERICAL, STOPPED, STOPPED_BY, Signals, complain, say
+from pgcp.errors import InputError, NumericalError, PgcpError, SolveFailedError, StoppedError
 from pgcp.runtime.address_space import NEEDS_MEMORY
 
 _STATUS = {InputError: BAD_INPUT, NumericalError: NUMERICAL, StoppedError: STOPPED}
@@ -22,7 +22,7 @@ def refused(problem: Exception, status: int, as_json: bool) -> int:
     """Say what a problem is; returns the exit status."""
     if as_json:
         say(json.dumps({"status": status, "error": type(problem).__name__, "message": str(problem)}))
-    print(f"pgcp-run: {problem}", file=sys.stderr)
+    complain(str(problem))
     return status
 
 
@@ -39,7 +39,7 @@ def stopped(signals: Signals, as_json: bool, resume: bool, done: str = "nothing 
         message += "; what is finished is kept for --resume"
     if as_json:
         say(json.dumps({"status": status, "error": "KeyboardInterrupt", "message": message}))
-    print(f"pgcp-run: {message}", file=sys.stderr)
+    complain(message)
     return status
 
 
@@ -64,10 +64,36 @@ def failed(problem: Exception, arguments: argparse.Namespace, signals: Signals) 
         return refused(told, status, arguments.json)
     if arguments.json:
         say(json.dumps({"status": BUG, "error": type(problem).__name__, "message": str(problem)}))
-    print(f"pgcp-run: {of_a_bug(problem)}", file=sys.stderr)
+    complain(of_a_bug(problem))
     return BUG
 
 
 def of_a_bug(problem: Exception) -> str:
     """What is said of an exception that no mistake of a user explains."""
     return f"a bug: {type(problem).__name__}: {problem} (--debug shows where)"
+
+
+def answered(
+    words: Sequence[str],
+    asked: Callable[[Sequence[str]], argparse.Namespace | None],
+    work: Callable[[argparse.Namespace, Signals], int],
+) -> int:
+    """Do what a command line asks for; whatever goes wrong is said in one sentence. Returns the exit status.
+
+    asked(words): what is asked for, None where nothing is left to do; work(arguments, signals): does it.
+    """
+    try:
+        arguments = asked(words)
+    except PgcpError as problem:
+        return refused(problem, BAD_INPUT if isinstance(problem, InputError) else NUMERICAL, "--json" in words)
+    if arguments is None:
+        return GOOD
+    with Signals() as signals:
+        try:
+            return work(arguments, signals)
+        except KeyboardInterrupt:
+            return stopped(signals, arguments.json, arguments.resume)
+        except Exception as problem:
+            if arguments.debug and not signals.received:
+                raise
+            return failed(problem, arguments, signals)

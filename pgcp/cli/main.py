@@ -7,26 +7,26 @@ import json
 import sys
 import time
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from pgcp.cli.compare import compared
-from pgcp.cli.failures import failed, of_system, refused, stopped
+from pgcp.cli.failures import answered, of_system
 from pgcp.cli.parser import PAGE_VERTICES, options_of, outputs_of, parse, running_of
 from pgcp.cli.progress import Silent, display, logged
 from pgcp.cli.several import SEVERITY, check_several, each_alone, several
 from pgcp.cli.summary import check_only, record, summary
-from pgcp.cli.terminal import BAD_INPUT, GOOD, NUMERICAL, Signals, have_streams, say
+from pgcp.cli.terminal import GOOD, NUMERICAL, Signals, complain, end_with, say
 from pgcp.cli.usage import SHORT_HELP, UsageError
-from pgcp.errors import InputError, PgcpError
+from pgcp.errors import InputError
 from pgcp.options import AUTO, Options, Running
-from pgcp.parallel import at_once, leave, processor_count
+from pgcp.parallel import at_once, processor_count
 from pgcp.runtime.address_space import check_address_space
-from pgcp.runtime.compiled import cache_is_temporary, compile_all, compiled_together, drop_temporary_cache
+from pgcp.runtime.compiled import cache_is_temporary, compile_all, compiled_together
 from pgcp.runtime.executors import shared_workers
-from pgcp.runtime.forks import collect_seldom, leave_nothing, prepare_forks
+from pgcp.runtime.forks import prepare_forks
 from pgcp.runtime.versions import package_versions
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def _run(arguments: argparse.Namespace, signals: Signals) -> int:
             if arguments.compare is not None:
                 return compared(arguments, options, running, shown)
             if cache_is_temporary() and not arguments.quiet:
-                print(f"pgcp-run: {_NO_CACHE}", file=sys.stderr)
+                complain(_NO_CACHE)
             with compiled_together(_usual(arguments.target), processor_count() - 1, shown):
                 if len(arguments.meshes) > 1:
                     from pgcp.patches.warm_up import warm_up
@@ -193,7 +193,7 @@ def _told(result: Result, seconds: float, directory: Path, paths: list[Path], ar
         if "report.json" in {path.name for path in paths}
         else f"The results are in {where}"
     )
-    print(f"pgcp-run: {fold_message(result)}. {marked}", file=sys.stderr)
+    complain(f"{fold_message(result)}. {marked}")
     return NUMERICAL
 
 
@@ -232,33 +232,9 @@ def _asked(words: Sequence[str]) -> argparse.Namespace | None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status."""
-    words = sys.argv[1:] if argv is None else argv
-    try:
-        arguments = _asked(words)
-    except PgcpError as problem:
-        return refused(problem, BAD_INPUT if isinstance(problem, InputError) else NUMERICAL, "--json" in words)
-    if arguments is None:
-        return GOOD
-    with Signals() as signals:
-        try:
-            return _run(arguments, signals)
-        except KeyboardInterrupt:
-            return stopped(signals, arguments.json, arguments.resume)
-        except Exception as problem:
-            if arguments.debug and not signals.received:
-                raise
-            return failed(problem, arguments, signals)
+    return answered(sys.argv[1:] if argv is None else argv, _asked, _run)
 
 
 def run() -> NoReturn:
     """Run the command and end the process."""
-    have_streams()
-    collect_seldom()
-    status = main()
-    with suppress(OSError):
-        sys.stdout.flush()
-        sys.stderr.flush()
-    leave_nothing()
-    drop_temporary_cache()
-    leave(status)
-    raise SystemExit(status)
+    end_with(main)

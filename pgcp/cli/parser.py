@@ -19,11 +19,17 @@ from pgcp.runtime.executors import EXECUTORS, may_have_workers
 from pgcp.targets.registry import TARGETS
 
 if TYPE_CHECKING:
+    from pgcp.apps.base import App
     from pgcp.methods.base import Method, OwnOption
 
 _LARGE_FILE = 20_000_000
 PAGE_VERTICES = 2_000_000  # of meshes whose report page is made without being asked for: it costs a few percent of a run
 _OWN = "own:"
+ASKED = "What is asked for"  # title of the options that an application has of its own
+_STATUSES = (
+    "Exit status: 0 good, 2 bad input or usage, 3 numerical failure or folds, 4 stopped by lost workers, scheduler or store, "
+    "1 a bug, 130 interrupted."
+)
 
 
 def parse(words: Sequence[str]) -> argparse.Namespace:
@@ -67,8 +73,7 @@ def _common_parser() -> Parser:
     parser = Parser(
         prog="pgcp-run",
         description="Map a triangle mesh conformally to the plane, the disk or the sphere, patch by patch and in parallel.",
-        epilog="Exit status: 0 good, 2 bad input or usage, 3 numerical failure or folds, 4 stopped by lost workers, scheduler "
-        "or store, 1 a bug, 130 interrupted.",
+        epilog=_STATUSES,
     )
     files = suffixes_of(readable())
     parser.add_argument(
@@ -81,9 +86,35 @@ def _common_parser() -> Parser:
     parser.add_argument("--version", action="store_true", help="print the version; with --json, those of the packages used too")
     _map_options(parser.add_argument_group("Map", "where the mesh is mapped, and how"))
     _output_options(parser.add_argument_group("Output", "what is written and printed"))
+    _work_options(parser)
+    return parser
+
+
+def _work_options(parser: Parser) -> None:
+    """Add the groups of options that stand last in a help."""
     _mesh_options(parser.add_argument_group("Mesh", "what is done to the mesh before it is mapped"))
     _running_options(parser.add_argument_group("Running", "where the work is done"))
     _fine_options(parser.add_argument_group("Method in detail", "what the defaults choose well for most meshes"))
+
+
+def app_parser(app: App) -> Parser:
+    """Build the parser of an application's command: what it asks for, then how its meshes are mapped."""
+    parser = Parser(prog=f"pgcp {app.name}", description=f"{app.summary[:1].upper()}{app.summary[1:]}.", epilog=_STATUSES)
+    app.arguments(parser.add_argument_group(ASKED))
+    group = parser.add_argument_group("Output", "what is written and printed")
+    endings = "; ".join(f"{ending}: {what}" for ending, what in app.writes.items())
+    group.add_argument(
+        "-o", "--output", type=Path, action="append", default=[], metavar="FILE",
+        help=f"write this file, what its name ends in, and no folder of results; may be repeated; {endings}",
+    )  # fmt: skip
+    group.add_argument(
+        "--output-dir", type=Path, metavar="DIR", help=f"where results go (default <stem>_{app.name} beside the mesh)"
+    )
+    _said_options(group)
+    _map_options(parser.add_argument_group("Map", "where the mesh is mapped, and how"))
+    _work_options(parser)
+    if found := own_options():
+        _own_options(parser.add_argument_group("Options of single methods", "what only some methods ask for"), found)
     return parser
 
 
@@ -99,12 +130,6 @@ def _map_options(group: argparse._ArgumentGroup) -> None:
         choices=METHODS.names(),
         default=METHOD,
         help=f"how the mesh is mapped (default {METHOD}, which serves every target); the others map the undivided mesh",
-    )
-    group.add_argument(
-        "--compare",
-        type=_names,
-        metavar="LIST",
-        help="map by several methods, all or a list of names, and print a table of the results instead of writing maps",
     )
     group.add_argument(
         "--patches", type=_number, metavar="K", help="number of patches; auto (default): by vertices, workers and memory"
@@ -143,6 +168,13 @@ def _output_options(group: argparse._ArgumentGroup) -> None:
         metavar="LIST",
         help=f"formats of the results (default {','.join(DEFAULT_OUTPUTS)}; of a large binary mesh no obj), of {names}",
     )
+    group.add_argument(
+        "--compare",
+        type=_names,
+        metavar="LIST",
+        help="map by several methods, all or a list of names, and print a table of the results instead of writing maps",
+    )
+    group.add_argument("--check-only", action="store_true", help="say what the mesh is and list its defects, then stop")
     group.add_argument("--no-obj", action="store_true", help="write no OBJ file")
     group.add_argument("--no-ply", action="store_true", help="write no PLY file")
     group.add_argument("--no-png", action="store_true", help="draw no picture")
@@ -150,6 +182,10 @@ def _output_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--html", action="store_true", default=None, help=f"write it of meshes with more than {PAGE_VERTICES:,} vertices too"
     )
+    _said_options(group)
+
+
+def _said_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--json", action="store_true", help="print one JSON object: the result, or the error")
     group.add_argument("--log-file", type=Path, metavar="FILE", help="append the stages of the run, with times, to this file")
     group.add_argument("--quiet", action="store_true", help="print nothing but errors")
@@ -157,7 +193,6 @@ def _output_options(group: argparse._ArgumentGroup) -> None:
 
 
 def _mesh_options(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--check-only", action="store_true", help="say what the mesh is and list its defects, then stop")
     group.add_argument(
         "--fix", action="store_true", help="repair the topology of a mesh that would be refused: cut, split, weld, fill holes"
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from pgcp.cli.failures import of_a_bug, stopped, told_as
 from pgcp.cli.progress import Silent
 from pgcp.cli.summary import record
-from pgcp.cli.terminal import BAD_INPUT, BUG, GOOD, NUMERICAL, STOPPED, Signals, say
+from pgcp.cli.terminal import BAD_INPUT, BUG, GOOD, NUMERICAL, STOPPED, Signals, complain, say
 from pgcp.cli.usage import UsageError
 
 if TYPE_CHECKING:
@@ -87,7 +86,7 @@ def several(arguments: argparse.Namespace, one: One, signals: Signals, shown: Si
             message = of_a_bug(told) if status == BUG else str(told)
             row = {"status": status, "error": type(told).__name__, "message": message}
             row["seconds"] = round(time.perf_counter() - began, 3)
-            print(f"pgcp-run: {message}", file=sys.stderr)
+            complain(message)
         signals.listen()
         rows.append({"file": str(own.mesh), **row})
     shown("meshes", count, count)

@@ -6,16 +6,19 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from pgcp.errors import InputError
-from pgcp.runtime.forks import leave_nothing
+from pgcp.parallel import leave
+from pgcp.runtime.compiled import drop_temporary_cache
+from pgcp.runtime.forks import collect_seldom, leave_nothing
 
 GOOD, BUG, BAD_INPUT, NUMERICAL, STOPPED = 0, 1, 2, 3, 4
-
+COMMAND: ContextVar[str] = ContextVar("COMMAND", default="pgcp-run")  # what messages begin with
 
 STOPPED_BY = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}  # exit status 128 + the signal's number
 
@@ -42,6 +45,11 @@ def say(text: str) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not isinstance(problem, BrokenPipeError):
             raise InputError(f"cannot print: {problem.strerror}") from problem
+
+
+def complain(text: str) -> None:
+    """Print a message on the standard error output, after the name of the command."""
+    print(f"{COMMAND.get()}: {text}", file=sys.stderr)
 
 
 class Signals(AbstractContextManager["Signals"]):
@@ -91,3 +99,17 @@ class Signals(AbstractContextManager["Signals"]):
         leave_nothing()
         signal.signal(number, signal.SIG_DFL)
         os.kill(os.getpid(), number)
+
+
+def end_with(main: Callable[[], int]) -> NoReturn:
+    """Run a command and end the process with its exit status."""
+    have_streams()
+    collect_seldom()
+    status = main()
+    with suppress(OSError):
+        sys.stdout.flush()
+        sys.stderr.flush()
+    leave_nothing()
+    drop_temporary_cache()
+    leave(status)
+    raise SystemExit(status)

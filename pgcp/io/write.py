@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import io
 import json
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
@@ -46,6 +47,26 @@ def write_mesh(path: str | Path, mesh: Mesh, uv: FloatArray | None = None, *, sp
     Raises BadFileError where the format has no place for them, InputError where they have another shape.
     """
     path = Path(path)
+    kind, arrays = _of_mesh(path, mesh, uv, sphere)
+    with replacing(path) as stream:
+        _write(stream, kind, arrays)
+
+
+def mesh_files(
+    name: str, mesh: Mesh, uv: FloatArray | None = None, *, sphere: FloatArray | None = None, png: bytes | None = None
+) -> dict[str, bytes]:
+    """The contents of the file that ``write_mesh`` writes, and of those that go beside it, by name; png: the texture's picture.
+
+    Raises what ``write_mesh`` raises.
+    """
+    kind, arrays = _of_mesh(Path(name), mesh, uv, sphere)
+    stream = io.BytesIO()
+    beside = _write(stream, kind, arrays, Path(name).stem, png)
+    return {name: stream.getvalue(), **beside}
+
+
+def _of_mesh(path: Path, mesh: Mesh, uv: FloatArray | None, sphere: FloatArray | None) -> tuple[Format, dict[str, np.ndarray]]:
+    """The format of a file's name, and the arrays of a mesh for it."""
     kinds = [kind for kind in writable() if VERTICES in kind.carries]
     kind = of_name(path.name, kinds)
     if kind is None:
@@ -65,8 +86,7 @@ def write_mesh(path: str | Path, mesh: Mesh, uv: FloatArray | None = None, *, sp
         arrays[name] = np.asarray(values, np.float64)
     if "normals" in kind.carries:
         arrays["normals"] = _normals(mesh.vertices, mesh.faces)
-    with replacing(path) as stream:
-        _write(stream, kind, arrays)
+    return kind, arrays
 
 
 def _normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
