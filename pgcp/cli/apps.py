@@ -37,9 +37,8 @@ def _help() -> str:
     words = [(_RUN, "map a mesh; the same as pgcp-run"), *((app.name, app.summary) for app in APPS.all())]
     width = max(len(name) for name, _ in words)
     lines = "\n".join(f"  pgcp {name.ljust(width)}  {summary}" for name, summary in words)
-    return (
-        f"pgcp maps a triangle mesh conformally, and puts the map to use.\n\n{lines}\n\npgcp COMMAND --help lists its options."
-    )
+    about = "pgcp maps a triangle mesh conformally, and puts the map to use."
+    return f"{about}\n\n{lines}\n\npgcp COMMAND --help lists the options of a command."
 
 
 def _asked(app: App, words: Sequence[str]) -> argparse.Namespace:
