@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import time
 import uuid
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager
@@ -19,6 +20,7 @@ except ImportError:  # no locks: nothing is known of what others still write, so
     fcntl = None  # type: ignore[assignment]
 
 PART = ".part"
+_TRIES, _PAUSE_S = 20, 0.025  # until a lock is believed to be another run's
 
 
 def lock(handle: int) -> bool | None:
@@ -30,6 +32,19 @@ def lock(handle: int) -> bool | None:
     except OSError as problem:
         return False if problem.errno in (errno.EWOULDBLOCK, errno.EACCES) else None
     return os.fstat(handle).st_nlink > 0
+
+
+def lock_soon(handle: int) -> bool | None:
+    """Lock a file, or a directory, as ``lock`` does; what is only looked at, or inherited by a new process, is waited for.
+
+    A process that is being started has the open files and locks of the one that starts it, until it runs its own program.
+    """
+    for _ in range(_TRIES):
+        locked = lock(handle)
+        if locked is not False or os.fstat(handle).st_nlink == 0:
+            return locked
+        time.sleep(_PAUSE_S)
+    return False
 
 
 @contextlib.contextmanager
@@ -81,7 +96,7 @@ def _locked(directory: Path) -> int:
             if directory.is_dir():  # a system that opens none, or one that may be written, not read
                 return -1
             raise InputError(f"{directory}: cannot write the results: {problem.strerror}") from problem
-        if lock(handle) is not False:
+        if lock_soon(handle) is not False:
             return handle
         is_gone = os.fstat(handle).st_nlink == 0
         os.close(handle)

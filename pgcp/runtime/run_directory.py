@@ -11,17 +11,11 @@ import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
-from pgcp.io.files import PART, abandoned, lock
+from pgcp.io.files import PART, abandoned, lock_soon
 
 _SCRATCH = "pgcp-"
-
-
 _LOCK = ".lock"
-
-
 _TRIES, _PAUSE_S = 5, 0.05
-
-
 _RESUMABLE_S = 7 * 24 * 3600
 
 
@@ -77,7 +71,7 @@ def _claimed(path: Path) -> int | None:
         handle = os.open(path / _LOCK, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o600)
     except FileNotFoundError:  # removed just now
         return None
-    if lock(handle) is False:
+    if lock_soon(handle) is False:
         os.close(handle)
         return None
     return handle

@@ -10,6 +10,8 @@ import subprocess
 import sys
 import textwrap
 import time
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ from said import without_progress
 
 import pgcp
 from pgcp.cli.main import main
-from pgcp.io.files import replacing_together
+from pgcp.io.files import claimed, replacing_together
 from pgcp.runtime.run_directory import run_directory
 
 LOOP = """
@@ -253,6 +255,33 @@ def test_temporary_files_of_living_runs_are_left_alone(tmp_path):
             assert one.path != two.path
         assert [p.name for p in tmp_path.iterdir() if p.is_dir()] == [one.path.name]
     assert [p.name for p in tmp_path.iterdir()] == ["a"]
+
+
+def test_a_lock_that_a_starting_process_has_for_a_moment_makes_no_other_run(tmp_path):
+    """A run starts its workers meanwhile: these inherit the locks that it has just then, until they run their own program."""
+    with run_directory(tmp_path, "key") as first:
+        first.keep = True
+        (first.path / "done").touch()
+        child = subprocess.Popen(["sleep", "0.15"], pass_fds=_locked_files(first.path))
+    with claimed(tmp_path / "results"):
+        (tmp_path / "results" / "map").touch()
+        other = subprocess.Popen(["sleep", "0.15"], pass_fds=_locked_files(tmp_path / "results"))
+    with run_directory(tmp_path, "key", resume=True) as second, claimed(tmp_path / "results"):
+        assert child.wait() + other.wait() == 0
+        assert second.path == first.path
+        assert (second.path / "done").exists()
+    assert not first.path.exists()
+
+
+def _locked_files(folder):
+    """Numbers of this process's open files that are the folder, or in it."""
+    numbers = []
+    for entry in Path("/proc/self/fd").iterdir():
+        with suppress(OSError):
+            if entry.readlink().is_relative_to(folder):
+                numbers.append(int(entry.name))
+    assert numbers
+    return numbers
 
 
 def test_a_directory_where_a_result_should_go_stops_all(tmp_path):
