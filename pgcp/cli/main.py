@@ -85,7 +85,7 @@ def _mapped(
     from pgcp.api import compute
     from pgcp.io.files import claimed
     from pgcp.io.read import stem_of
-    from pgcp.io.write import said_of
+    from pgcp.io.write import have_textures, said_of
     from pgcp.report.texture import as_png
     from pgcp.surface.demo import demo_mesh
 
@@ -102,7 +102,8 @@ def _mapped(
     shown("start", 1, 1)
     with claimed(directory) if _has_folder(arguments) else nullcontext():
         result = compute(demo_mesh() if arguments.mesh is None else arguments.mesh, options, running, shown)
-        layout = result.layout(arguments.uv, arguments.up)
+        written = kinds if _has_folder(arguments) else ()
+        layout = result.layout(arguments.uv, arguments.up) if have_textures(written, arguments.output) else None
         result = replace(result, report={**result.report, "texture": said_of(layout)})
         try:
             paths = _written(result, layout, directory / stem, kinds, texture, arguments, signals, shown)

@@ -189,7 +189,7 @@ def _left_out(order: IntArray, chosen: int, sizes: IntArray, of_face: IntArray, 
         if named is not None:
             parts = [part for part in named.of_face[int(np.argmax(of_face == c))].tolist() if part >= 0]
             name = f" {named.names[parts[0]]!r}" if parts else ""
-        said.append(f"{number}{name} ({sizes[c]} faces)")
+        said.append(f"{number}{name} ({sizes[c]} face{'s' if sizes[c] != 1 else ''})")
     return ", ".join(said) + (f" and {len(others) - _LISTED} more" if len(others) > _LISTED else "")
 
 

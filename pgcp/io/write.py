@@ -203,6 +203,12 @@ def write_outputs(
             return files.switch()
 
 
+def have_textures(kinds: Collection[str], paths: Sequence[Path]) -> bool:
+    """Whether any of these formats, by name, or files has texture coordinates, and not only the map's own."""
+    of_paths = [kind for kind, _ in map(kind_of, paths) if kind is not None]
+    return any("uv" in kind.carries and not kind.is_exact for kind in (*outputs(kinds), *of_paths))
+
+
 def said_of(layout: Layout | None) -> dict[str, Any]:
     """What the report says of texture coordinates."""
     return {"kind": "surface"} if layout is None else layout.record

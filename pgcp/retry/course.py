@@ -42,19 +42,22 @@ _BEYOND_WELDS = 75.0  # log of a range of scales that no weld keeps: digits for 
 _SQUEEZED = 20.0  # log of a range of scales at which welds fail because parts are long and thin
 _WRONG_DEG = 20.0  # mean angle error from which on a map without folds is not taken before others are tried
 _LARGE_DEG = 8.0  # mean angle error from which on a map is compared with the one solved in logarithms
-_EMBEDDING = "(embedding)"
 _SMALLER = "a map from welds, its boundary on a circle, has smaller angle errors"
 _GOOD_DEG = 2.0  # mean angle error up to which a free map is not compared with another
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """A finished map, what was tried before it, where it overlaps itself, and why it is not the map that was asked for."""
+    """A finished map, what was tried before it, where it overlaps itself, and why it is not the map that was asked for.
+
+    is_embedding: the whole mesh was embedded at once, without welds.
+    """
 
     done: Finished
     tried: tuple[Tried, ...] = ()
     overlap: dict[str, Any] | None = None
     fallback: dict[str, str] | None = None
+    is_embedding: bool = False
 
 
 class _Splits:
@@ -178,7 +181,7 @@ def _compared(run: Run, method: Method, done: Finished, splits: _Splits) -> Fini
     error = mean_error(run, done)
     others = [_in_logarithms(run, method, splits) if error >= _LARGE_DEG else None, _intrinsically(run, method, splits, error)]
     able = [done, *(other for other in others if other is not None and other.folds == 0)]
-    return min(able, key=partial(final_error, run)) if len(able) > 1 else done
+    return min(able, key=partial(final_error, run)) if len(able) > 1 else replace(done, error=error)
 
 
 class _NothingError(Exception):
@@ -208,27 +211,26 @@ def embedded(run: Run, method: Method, tried: tuple[Tried, ...], reason: str) ->
     here = surroundings(run, target)
     everything = np.arange(len(run.mesh.faces))
     parts = store_parts(run, run.fewest_patches, run.options.seed, None, "whole")
-    fallback = {"from": run.target.name, "to": f"{target.name} {_EMBEDDING}", "reason": reason}
+    fallback = {"from": run.target.name, "to": f"{target.name} (embedding)", "reason": reason}
     in_logarithms = None
     if may_be_solved_in_logarithms(run, method):
         in_logarithms = solved_in_logarithms(replace(run, target=target), method, parts, positive=True)
         if in_logarithms is not None and in_logarithms.folds == 0:
-            return Outcome(in_logarithms, tried, None, fallback)
+            return Outcome(in_logarithms, tried, None, fallback, True)
     with run.clock.stage("embed"):
         repaired = repair_folds(here, embedding_alone(here), local_repairs(run))
     if in_logarithms is not None and in_logarithms.folds < repaired.folds:
-        return Outcome(in_logarithms, tried, None, fallback)
+        return Outcome(in_logarithms, tried, None, fallback, True)
     none = np.empty(0, np.int64)
     nowhere = SeamPositions(none, repaired.points[none])
     mapped = Mapped(parts, target, repaired.points, np.zeros(len(everything), np.complex128), nowhere, [])
     done = Finished(mapped, replace(repaired, touched=everything))
-    return Outcome(done, tried, None, fallback)
+    return Outcome(done, tried, None, fallback, True)
 
 
 def may_be_embedded(run: Run, method: Method, outcome: Outcome) -> bool:
     """Whether the embedded mesh may take the place of a map that keeps folds."""
-    is_wanted = EMBED in run.options.repairs and method.to_target is not None
-    return is_wanted and not (outcome.fallback is not None and outcome.fallback["to"].endswith(_EMBEDDING))
+    return EMBED in run.options.repairs and method.to_target is not None and not outcome.is_embedding
 
 
 def map_mesh(run: Run, method: Method) -> Outcome:
@@ -277,7 +279,7 @@ def _freest(run: Run, method: Method, done: Finished) -> Finished:
         if folds <= done.folds and run.options.moebius in (AUTO, "none"):
             return replace(done, repaired=replace(done.repaired, points=flat, touched=everything, folds=folds))
     other = target_of(run.target).gives_way_to
-    error = mean_error(run, done)
+    error = mean_error(run, done) if done.error is None else done.error
     if other is None or done.folds or error < _GOOD_DEG:
         return done
     try:

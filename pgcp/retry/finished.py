@@ -28,12 +28,13 @@ CROWDED = 20.0  # log of the range of scales from which on tips lose digits anyw
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Finished:
-    """One map after its correction, repair and polish."""
+    """One map after its correction, repair and polish; error: its mean angle error in degrees, where that is known."""
 
     mapped: Mapped
     repaired: Repaired
     correction: Correction | None = None
     polish: Polish | None = None
+    error: float | None = None
 
     @property
     def target(self) -> Target:
