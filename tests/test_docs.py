@@ -15,6 +15,7 @@ from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
+import nibabel
 import numpy as np
 import pytest
 from meshes import grid, lifted, spheroid
@@ -86,6 +87,8 @@ def meshes(tmp_path_factory):
     pgcp.write_mesh(folder / "bust.ply", bust)
     pgcp.write_mesh(folder / "holed.ply", pgcp.Mesh(bust.vertices, np.delete(bust.faces, [850, 851], axis=0)))
     pgcp.write_mesh(folder / "ball.ply", spheroid(3, 1.5)[0])
+    ball = pgcp.read_mesh(folder / "ball.ply")
+    nibabel.freesurfer.write_geometry(folder / "lh.pial", ball.vertices, ball.faces)
     column = np.arange(31) + 31 * 15
     (folder / "cuts.txt").write_text("\n".join(f"{a} {b}" for a, b in pairwise(column.tolist())))
     return folder

@@ -63,7 +63,7 @@ def view_rotation(vertices: FloatArray, faces: IntArray) -> FloatArray:
     corners = _corners(vertices, sample)
     a, b, c = corners.reshape(-1, 3, 3).swapaxes(0, 1)
     normals = np.cross(b - a, c - a)
-    spread = a - a.mean(axis=0)
+    spread = corners - corners.mean(axis=0)
     _, axes = np.linalg.eigh(spread.T @ spread)
     towards = axes[:, 0] * np.sign(axes[np.abs(axes[:, 0]).argmax(), 0])
     facing = normals @ towards

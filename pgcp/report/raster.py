@@ -159,4 +159,6 @@ def rasterise(seen_from: View, paint: Paint, pixels: int = PIXELS) -> np.ndarray
     shift = np.append(0.5 * (pixels - 1 - extent * scale), 0.0)
     screen = _on_screen(seen_from.points, seen_from.rotation, low, scale, shift)
     seen = _visible(screen, faces, pixels)
-    return _coloured(seen, paint(*_places(screen, faces, seen)))
+    face_ids, weights = _places(screen, faces, seen)
+    # a flat surface seen from its side shows nothing
+    return _coloured(seen, paint(face_ids, weights) if len(face_ids) else np.empty((0, 3)))

@@ -189,6 +189,20 @@ def test_the_view_does_not_depend_on_unit_or_place_and_shows_the_outside():
     assert np.allclose(view_rotation(ball.vertices, ball.faces[order]), view_rotation(ball.vertices, ball.faces), atol=1e-9)
 
 
+@pytest.mark.parametrize("normal", np.eye(3))
+def test_one_face_is_looked_at_from_its_flat_side(normal):
+    along = np.roll(np.eye(3), int(np.argmax(normal)) + 1, axis=0)
+    corners = np.array([[0, 0], [1, 0], [0.3, 0.8]]) @ along[:2] + normal
+    towards = view_rotation(corners, np.array([[0, 1, 2]]))[2]
+    assert abs(towards @ np.cross(*along[:2])) > 0.999
+
+
+def test_a_flat_surface_from_its_side_shows_nothing():
+    seen = view(np.array([[0.0, 0, 0], [1, 0, 0], [0, 0, 1]]), np.array([[0, 1, 2]]), np.eye(3))
+    painted = rasterise(seen, lambda faces, weights: [weights.max()], 20)
+    assert (painted == 255).all()
+
+
 def test_samples_are_even_and_take_faces_of_a_pair_alike():
     faces = np.arange(3000).reshape(-1, 3)
     assert _sample(faces, 1000)[1] == 1

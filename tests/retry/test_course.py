@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import pytest
@@ -10,6 +11,14 @@ from pgcp.methods.base import Choice
 from pgcp.methods.pgcp import welds_and_exact
 from pgcp.options import Options
 from pgcp.retry import course
+
+
+@dataclass
+class Done:
+    folds: int
+    repaired: SimpleNamespace
+    attempt: object
+    error: float | None = None
 
 
 class Splits:
@@ -32,7 +41,7 @@ def kept(folds, monkeypatch, patches=4):
     def finish(_run, _method, found):
         after, before = folds[len(made)]
         made.append(found.attempt)
-        return SimpleNamespace(folds=after, repaired=SimpleNamespace(folds_before=before), attempt=found.attempt)
+        return Done(after, SimpleNamespace(folds_before=before), found.attempt)
 
     monkeypatch.setattr(course, "_Splits", Splits)
     monkeypatch.setattr(course, "finish", finish)
