@@ -77,7 +77,7 @@ def nearest(printed: Printed, entry: Entry, surfaces: Sequence[Surface]) -> tupl
     for others, most, relation in ((named, _MODEL_FACTOR, "same model"), (fitting, _SIZE_FACTOR, "in size")):
         near = min(others, key=factor, default=None)
         if near is not None and factor(near) <= most:
-            return near, f"nearest, {relation}"
+            return near, relation
     return None
 
 
@@ -101,7 +101,8 @@ def ours_on(row: Beside) -> str:
     """The surface of ours, and whether it is the paper's."""
     if row.surface is None:
         return "-"
-    return row.surface.name if row.relation == SAME else f"{row.surface.name}, {row.surface.vertices:,} ({row.relation})"
+    name, count = row.surface.name, f"{row.surface.vertices:,} vertices"
+    return name if row.relation == SAME else f"nearest: {name}, {count} ({row.relation})"
 
 
 def remark(row: Beside) -> str:
@@ -187,9 +188,9 @@ def in_short(rows: Sequence[Beside]) -> list[str]:
     worse, better = [v for v in found if v.is_worse], [v for v in found if not v.is_equal and not v.is_worse]
     equal = len(found) - len(worse) - len(better)
     out = [
-        f"On the same meshes, {len(found)} printed figures of accuracy have one of ours beside them. Rounded as printed, "
-        f"{equal} are equal, {len(better)} of ours are better and {len(worse)} worse. By more than one unit of the last digit, "
-        f"{sum(v.is_clear for v in better)} are better and {sum(v.is_clear for v in worse)} worse."
+        f"On the same meshes, {len(found)} printed figures of accuracy have one of ours beside them. Rounded as printed, ours "
+        f"is equal in {equal}, better in {len(better)} and worse in {len(worse)}. By more than one unit of the last digit it is "
+        f"better in {sum(v.is_clear for v in better)} and worse in {sum(v.is_clear for v in worse)}."
     ]
     by_table: dict[str, list[float]] = {}
     for row in rows:
@@ -213,9 +214,9 @@ _SAID = (
     "none. Folds are faces whose area in the map is not positive.",
     "A file named alone under *ours on* is the paper's own mesh, as far as its name and the number of vertices, "
     "rounded as printed, tell. Other rows do not compare accuracy: *same model* is another mesh of the model, *in "
-    "size* another surface of nearly as many vertices. A dash says that no mesh is near, or that it was not measured; "
-    "a question mark, that the copy of the paper is not legible. Numbers of vertices in brackets are printed in "
-    "another table of the paper.",
+    "size* another surface of nearly as many vertices, *alike* one of the same kind. A dash says that no mesh is "
+    "near, or that it was not measured; a question mark, that the copy of the paper is not legible. Numbers of "
+    "vertices in brackets are printed in another table of the paper.",
 )
 
 
