@@ -35,8 +35,8 @@ _LATEX |= {"^": r"\textasciicircum{}"} | {sign: f"\\{sign}" for sign in "&%$#_{}
 
 
 def latex_text(text: str) -> str:
-    """Text with what LaTeX takes for commands written as signs."""
-    return "".join(_LATEX.get(sign, sign) for sign in text)
+    """Text with what LaTeX takes for commands, and for a dash, written as signs."""
+    return "".join(_LATEX.get(sign, sign) for sign in text).replace("--", r"-\/-")
 
 
 def as_latex(table: Sequence[Sequence[str]]) -> str:

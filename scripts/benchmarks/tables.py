@@ -189,8 +189,8 @@ def in_short(rows: Sequence[Beside]) -> list[str]:
     equal = len(found) - len(worse) - len(better)
     out = [
         f"On the same meshes, {len(found)} printed figures of accuracy have one of ours beside them. Rounded as printed, ours "
-        f"is equal in {equal}, better in {len(better)} and worse in {len(worse)}. By more than one unit of the last digit it is "
-        f"better in {sum(v.is_clear for v in better)} and worse in {sum(v.is_clear for v in worse)}."
+        f"is equal in {equal}, better in {len(better)} and worse in {len(worse)}. By more than one unit of the last digit it "
+        f"is better in {sum(v.is_clear for v in better)} and worse in {sum(v.is_clear for v in worse)}."
     ]
     by_table: dict[str, list[float]] = {}
     for row in rows:
@@ -265,8 +265,8 @@ def written(blocks: Sequence[Block], form: str) -> str:
         "text": {"title": str, "section": str, "text": _plain, "table": aligned, "list": _plain_list},
         "markdown": {"title": "# {}".format, "section": "## {}".format, "text": _escaped, "table": as_markdown, "list": _list},
         "latex": {
-            "title": r"\section*{{{}}}".format,
-            "section": r"\subsection*{{{}}}".format,
+            "title": lambda held: rf"\section*{{{_latex_text(held)}}}",
+            "section": lambda held: rf"\subsection*{{{_latex_text(held)}}}",
             "text": _latex_text,
             "table": as_latex,
             "list": _latex_list,
