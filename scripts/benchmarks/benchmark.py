@@ -36,9 +36,9 @@ from statistics import median
 
 import contestants
 import numpy as np
+from columns import aligned, draw_stacks, write_tsv
 from contestants import KNOWN, OPEN_ONLY, SOLVE_ONLY
 from processes import Measured, run_measured, run_pgcp, stage_seconds, warm_up
-from tables import aligned, draw_stacks, write_tsv
 
 import pgcp
 from pgcp.elimination import pardiso

@@ -30,13 +30,13 @@ from statistics import median
 from typing import Any
 
 import numpy as np
+from columns import aligned, draw_stacks, write_tsv
 from costs import cycle_seconds, zipper_seconds
 from processes import run_pgcp, stage_seconds, warm_up
 from recording import Record, Sizes, recorded
 from replay import Network, Task, depth_of, passes
 from scipy.optimize import nnls
 from speedup import PARALLEL, measure_started, numbers
-from tables import aligned, draw_stacks, write_tsv
 from trees import Tree, weld_tree
 
 import pgcp

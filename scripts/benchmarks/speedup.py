@@ -33,8 +33,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from columns import aligned, draw_stacks, write_tsv
 from processes import run_pgcp, stage_seconds, warm_up, watched
-from tables import aligned, draw_stacks, write_tsv
 
 import pgcp
 from pgcp.parallel import limited_to
