@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from pgcp.elimination.dirichlet import choose_backend
+from pgcp.elimination.sparse_boundary import stays_sparse
 from pgcp.errors import InputError, PgcpError
 from pgcp.finish.quality import measure_quality, single_precision_folds
 from pgcp.intake.check import Geometry, Inspection, advised, inspect_mended, look
@@ -138,7 +139,9 @@ def _inspected(mesh: Mesh, asked: Asked, options: Options, named: Named | None) 
 
 def _run(taken: _Taken, plan: Plan, job: Job, clock: Clock) -> Run:
     """The run of a mesh that was taken in."""
-    job = replace(job, stores_operators=taken.options.seams == "relax")
+    relaxed = taken.options.seams == "relax"
+    is_sparse = relaxed and stays_sparse(sum(map(len, taken.topology.loops)), len(taken.mesh.vertices))
+    job = replace(job, stores_operators=relaxed and not is_sparse)
     mollification = taken.geometry.mollification
     asked = taken.options, taken.cuts, plan.patches
     return Run(taken.mesh, taken.topology, taken.target, mollification, *asked, job, clock.executor, clock)

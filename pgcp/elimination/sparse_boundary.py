@@ -11,26 +11,30 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
-from pgcp.elimination.dirichlet import DirichletFactor
+from pgcp.elimination.dirichlet import DirichletFactor, eliminate_interior
 from pgcp.errors import SolveFailedError
 from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray
 
-_LEAST, _TIMES = 3000, 200
+_LEAST, _TIMES = 1500, 200
 
 
-def stays_sparse(boundary_count: int, vertex_count: int) -> bool:
-    """Whether a boundary is so long, and so large beside the interior, that a dense operator is dearer than sparse factors."""
-    return boundary_count >= _LEAST and boundary_count**2 > _TIMES * vertex_count
+def stays_sparse(boundary_count: int, vertex_count: int, least: int = _LEAST) -> bool:
+    """Whether a boundary is so long, and so large beside the interior, that a dense operator is dearer than sparse factors.
+
+    least: vertices of a boundary that is long.
+    """
+    return boundary_count >= least and boundary_count**2 > _TIMES * vertex_count
 
 
 class SparseSolver(Protocol):
     """A sparse symmetric system that can be solved."""
 
-    def solve(self, load: FloatArray) -> FloatArray:
-        """The solution (n, k) for loads (n, k)."""
+    def solve(self, load: Any) -> Any:
+        """The solution (n, k) for loads (n, k), or (n,) for (n,), complex where the loads and the matrix are."""
         ...
 
 
@@ -59,6 +63,12 @@ class SparseSchur:
 
     def __len__(self) -> int:
         return len(self._boundary)
+
+    @property
+    def system(self) -> csr_array:
+        """The Laplacian itself (n_B + n_I, n_B + n_I), the boundary first."""
+        order = np.concatenate([self._boundary, self._interior])
+        return csr_array(self._laplacian[order][:, order])
 
     def inside(self, load: FloatArray) -> FloatArray:
         """L_II^{-1} r (n_I, k) for columns r."""
@@ -115,9 +125,44 @@ class SparseFactor:
     def record(self) -> None:
         """There is no interface to be reported."""
 
+    @property
+    def nbytes(self) -> int:
+        """No array is kept but the Laplacian and sparse factors: little beside a dense operator."""
+        return 0
+
     def release(self) -> None:
         """Nothing is stored."""
 
 
 AnyFactor = DirichletFactor | SparseFactor
 AnySchur = FloatArray | SparseSchur
+
+
+def either_factor(laplacian: csr_array, kept: IntArray, backend: str = "superlu") -> AnyFactor:
+    """A Laplacian (n, n) with ``kept`` (n_K,) last: eliminated, or sparse where nearly all is kept; raises SolveFailedError."""
+    if not stays_sparse(len(kept), laplacian.shape[0]):
+        return eliminate_interior(laplacian, kept, backend)
+    if not np.isfinite(laplacian.data).all():
+        raise SolveFailedError("the Laplacian has entries that are not finite: a face has zero area")
+    return SparseFactor(laplacian, kept, np.ones(laplacian.shape[0], bool))
+
+
+def applied(schur: AnySchur, values: ComplexArray) -> ComplexArray:
+    """The operator times complex values (n_B,)."""
+    product = schur @ np.column_stack([values.real, values.imag])
+    out: ComplexArray = product[:, 0] + 1j * product[:, 1]
+    return out
+
+
+def pinned_solver(schur: AnySchur) -> Callable[[FloatArray], FloatArray]:
+    """What solves for values (n_B - 1, k) of all but the first, held at 0, under loads (n_B - 1, k) on them, factored once.
+
+    Raises SolveFailedError where the system is not positive definite.
+    """
+    if isinstance(schur, SparseSchur):
+        return schur.solve_pinned
+    try:
+        factor = cho_factor(schur[1:, 1:], check_finite=False)
+    except LinAlgError as problem:
+        raise SolveFailedError(f"the boundary system of {len(schur)} unknowns is not positive definite") from problem
+    return lambda load: np.asarray(cho_solve(factor, load, check_finite=False), np.float64)

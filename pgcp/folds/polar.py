@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order
 
-from pgcp.elimination.dirichlet import DirichletFactor, eliminate_interior
+from pgcp.elimination.sparse_boundary import applied, either_factor
 from pgcp.errors import CrowdedError, SolveFailedError
 from pgcp.surface.operators import cotangent_laplacian, face_areas, positive_laplacian
 from pgcp.surface.topology import pair_half_edges
@@ -49,7 +49,7 @@ def far_ends(vertices: FloatArray, faces: IntArray, boundary: IntArray, laplacia
     """
     share = np.bincount(faces.reshape(-1), np.repeat(face_areas(vertices, faces), 3), len(vertices)) / 3.0
     held = boundary if len(boundary) else faces[0, :1]
-    factor = eliminate_interior(laplacian, held, backend)
+    factor = either_factor(laplacian, held, backend)
     none = np.zeros(len(held), np.complex128)
 
     def farthest(source: int) -> int:
@@ -116,7 +116,7 @@ class _Strip:
         self._kept = np.concatenate([tip, end])
         weights = -laplacian
         self._load = 2.0j * np.pi * np.asarray(weights.multiply(jumps).sum(axis=1)).reshape(-1)
-        self.factor: DirichletFactor = eliminate_interior(laplacian, self._kept, backend)
+        self.factor = either_factor(laplacian, self._kept, backend)
         self._at_tip = np.concatenate([np.ones(len(tip)), np.zeros(len(end))]).astype(np.complex128)
         self._flux_of_one = self._flux(self._at_tip, False)[: len(tip)].sum()
         if not np.isfinite(self._flux_of_one) or self._flux_of_one == 0.0:
@@ -124,7 +124,7 @@ class _Strip:
 
     def _flux(self, values: ComplexArray, jumps: bool = True) -> ComplexArray:
         """What flows out of the strip at each of the kept vertices."""
-        out: ComplexArray = self.factor.schur @ values
+        out = applied(self.factor.schur, values)
         if jumps:
             out = out - self.factor.reduce(self._load)
         return out
@@ -156,7 +156,7 @@ class _Cap:
         self.ids, local = np.unique(mesh.faces[here], return_inverse=True)
         self._held, self.free = np.flatnonzero(~inside[self.ids]), np.flatnonzero(inside[self.ids])
         laplacian = weights.laplacian(mesh.vertices[self.ids], local.reshape(-1, 3))
-        self._factor = eliminate_interior(laplacian, self._held, weights.backend)
+        self._factor = either_factor(laplacian, self._held, weights.backend)
 
     def solve(self, w: ComplexArray) -> ComplexArray:
         """Logarithms of positions in the cap (n,), from those on its rim; the sign is -1 where 1 / z is harmonic."""

@@ -22,6 +22,7 @@ from pgcp.surface.operators import cotangents, face_areas
 from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray, Mesh
 
 _CENTRAL = 0.25
+_LARGE = 0.9
 _RINGS = (1.0 / 3.0, 2.0 / 3.0)
 _TURNS = 4
 _FARTHEST = 32
@@ -37,12 +38,36 @@ def puncture_face(mesh: Mesh) -> int:
     areas = face_areas(mesh.vertices, mesh.faces)
     centres = mesh.vertices[mesh.faces].mean(axis=1)
     distance = np.linalg.norm(centres - np.average(centres, axis=0, weights=areas), axis=1)
+    around = _bent_around(mesh, areas)
+    return int(np.argmin(np.where(distance <= np.quantile(distance, _CENTRAL), around, np.inf)))
+
+
+def _bent_around(mesh: Mesh, areas: FloatArray) -> FloatArray:
+    """By how much the angles (F,) of a face, and of those around it, differ from 60 degrees at most, radians."""
     bent = np.abs(corner_angles(mesh.vertices, mesh.faces) - np.pi / 3.0).max(axis=1)
     bent[~(areas > 0.0)] = np.pi
     worst = np.zeros(len(mesh.vertices))
     np.maximum.at(worst, mesh.faces.reshape(-1), np.repeat(bent, 3))
-    around = worst[mesh.faces].max(axis=1)
-    return int(np.argmin(np.where(distance <= np.quantile(distance, _CENTRAL), around, np.inf)))
+    return np.asarray(worst[mesh.faces].max(axis=1), np.float64)
+
+
+def large_faces(mesh: Mesh, count: int) -> IntArray:
+    """Faces (count,) of the tenth with the largest areas, not the worst shaped of them, far from each other, the largest first.
+
+    Where faces differ much in size, the largest are too coarse for any chart but one with its pole there.
+    """
+    areas = face_areas(mesh.vertices, mesh.faces)
+    large = np.flatnonzero(areas >= np.quantile(areas, _LARGE))
+    around = _bent_around(mesh, areas)
+    shaped = large[around[large] <= np.median(around)]
+    large = shaped if len(shaped) else large
+    centres = mesh.vertices[mesh.faces[large]].mean(axis=1)
+    chosen = [int(np.argmax(areas[large]))]
+    distance = np.full(len(large), np.inf)
+    while len(chosen) < min(count, len(large)):
+        distance = np.minimum(distance, np.linalg.norm(centres - centres[chosen[-1]], axis=1))
+        chosen.append(int(np.argmax(distance)))
+    return large[chosen[:count]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

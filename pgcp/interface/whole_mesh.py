@@ -7,10 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from pgcp.errors import WeldFailedError
+from pgcp.elimination.sparse_boundary import stays_sparse
+from pgcp.errors import NumericalError, WeldFailedError
 from pgcp.interface.factor import InterfaceFactor
 from pgcp.interface.one_piece import OnePieceFactor
-from pgcp.interface.puncture import Opened, charts_of, close_on_sphere, close_region, open_at, puncture_face, straightened
+from pgcp.interface.puncture import (
+    Opened,
+    charts_of,
+    close_on_sphere,
+    close_region,
+    large_faces,
+    open_at,
+    puncture_face,
+    straightened,
+)
 from pgcp.patches.mapped import Mapped
 from pgcp.patches.plan import plan_welds
 from pgcp.patches.run import Run
@@ -20,7 +30,14 @@ from pgcp.patches.types import BoundaryCurve, Component, SeamPositions, SolveRep
 from pgcp.patches.weld import start_component, subdivide
 from pgcp.plane.curves import crosses_itself
 from pgcp.plane.space import PLANE, find_folds, map_coefficients
+from pgcp.surface.distortion import angle_errors
+from pgcp.surface.operators import cotangent_laplacian
+from pgcp.surface.topology import used_vertices
 from pgcp.types import ComplexArray, IntArray, Mesh, Positions
+
+_ROUGH_DEG = 1.0  # mean angle error from which on a closed mesh is opened at other faces as well
+_MOST_FACES, _WORK = 5, 50_000  # how many, and vertices of all those maps together
+_LEAST_GAIN = 1e-3  # of the error: less may be rounding, and the map is to be the same for any cuts
 
 
 def eliminated(run: Run, parts: Parts, kept: IntArray) -> InterfaceFactor:
@@ -35,12 +52,17 @@ def eliminated(run: Run, parts: Parts, kept: IntArray) -> InterfaceFactor:
 
 
 def _whole_factor(run: Run, parts: Parts, kept: IntArray) -> InterfaceFactor | OnePieceFactor:
-    """The same, or of the intrinsic triangulation where there is one, in one piece."""
-    if run.intrinsic is None:
+    """The same; in one piece that of the intrinsic triangulation, where there is one, and where all stays sparse."""
+    mesh, intrinsic = run.mesh, run.intrinsic
+    if intrinsic is None and (run.is_closed or not stays_sparse(len(kept), len(mesh.vertices))):
         return eliminated(run, parts, kept)
     with run.clock.stage("eliminate"):
-        laplacian = run.intrinsic.laplacian(len(run.mesh.vertices))
-        return OnePieceFactor(laplacian, kept, run.job.backend, run.job.flattener)
+        if intrinsic is not None:
+            laplacian = intrinsic.laplacian(len(mesh.vertices))
+        else:
+            laplacian = cotangent_laplacian(mesh.vertices, mesh.faces, run.mollification)
+        used = None if run.is_closed else used_vertices(mesh)
+        return OnePieceFactor(laplacian, kept, run.job.backend, run.job.flattener, used)
 
 
 def _extended(
@@ -88,9 +110,37 @@ def whole_boundary(run: Run, z: ComplexArray) -> Component:
 
 
 def map_closed_exactly(run: Run, parts: Parts) -> Mapped:
-    """A whole closed mesh, opened at a face, mapped to the plane and closed on the sphere."""
+    """A whole closed mesh, opened at a face, mapped to the plane and closed on the sphere.
+
+    Where the errors are large and the mesh is small, it is opened at some of its largest faces as well, and the map of least
+    mean angle error is taken, of those with fewest folds.
+    """
     triangles = run.mesh if run.intrinsic is None else Mesh(run.mesh.vertices, run.intrinsic.faces)
-    opened = open_at(triangles, puncture_face(triangles))
+    best = _opened_and_closed(run, parts, triangles, puncture_face(triangles))
+    error, folds = _error(run, best)
+    if error < _ROUGH_DEG:
+        return best
+    for face in large_faces(triangles, min(_MOST_FACES, _WORK // len(triangles.vertices))):
+        try:
+            other = _opened_and_closed(run, parts, triangles, int(face))
+        except NumericalError:
+            continue
+        there, left = _error(run, other)
+        if (left, there) < (folds, (1.0 - _LEAST_GAIN) * error):
+            best, error, folds = other, there, left
+    return best
+
+
+def _error(run: Run, mapped: Mapped) -> tuple[float, int]:
+    """Mean angle error of a map, degrees, and its folds."""
+    space = run.target.space
+    folds = len(find_folds(space, run.mesh.faces, mapped.points))
+    return float(angle_errors(run.mesh, space.coordinates(mapped.points)).mean()), folds
+
+
+def _opened_and_closed(run: Run, parts: Parts, triangles: Mesh, face: int) -> Mapped:
+    """The map of a whole closed mesh that is opened at one of the triangles."""
+    opened = open_at(triangles, face)
     factor = _whole_factor(run, parts, opened.kept)
     with run.clock.stage("flatten"):
         z = factor.opened_positions()

@@ -16,6 +16,7 @@ from pgcp.interface.puncture import puncture_face, straightened
 from pgcp.interface.whole_mesh import eliminated
 from pgcp.methods.base import Method, OwnOption, whole
 from pgcp.methods.common.boundary_first import BoundaryFlattening, integrated_curvature
+from pgcp.methods.common.disk import BoundaryFactor, boundary_factor
 from pgcp.methods.common.harmonic import mapped_whole
 from pgcp.methods.common.prescribed import ANGLES, LENGTHS, of_boundary, read_lengths, read_turning
 from pgcp.options import AUTO, Options
@@ -64,7 +65,7 @@ def _map_open(run: Run, parts: Parts) -> Mapped:
     mesh, loop = run.mesh, run.boundary
     word, path = of_boundary(run.options.own["boundary"], (AUTO, _ISOMETRIC, _DISK), tuple(_READ))
     prescribed = np.empty(0) if path is None else _READ[word](path, loop)
-    factor = eliminated(run, parts, loop)
+    factor = boundary_factor(run, parts)
     with run.clock.stage("map"):
         curvature = integrated_curvature(mesh.vertices, mesh.faces, loop, used_vertices(mesh), run.mollification)
         kappa = factor.reduce(curvature.astype(np.complex128)).real
@@ -81,7 +82,7 @@ def _map_open(run: Run, parts: Parts) -> Mapped:
     return _finished(run, parts, factor, loop, z)
 
 
-def _finished(run: Run, parts: Parts, factor: InterfaceFactor, kept: IntArray, points: ComplexArray | FloatArray) -> Mapped:
+def _finished(run: Run, parts: Parts, factor: BoundaryFactor, kept: IntArray, points: ComplexArray | FloatArray) -> Mapped:
     record = factor.record()
     factor.release()
     return mapped_whole(run, parts, points, kept, {"interface": record})

@@ -7,14 +7,13 @@ metric is laid out by its boundary and one harmonic solve.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from pgcp.elimination.sparse_boundary import pinned_solver
 from pgcp.errors import InputError, SolveFailedError
-from pgcp.interface.factor import InterfaceFactor
-from pgcp.interface.whole_mesh import eliminated
 from pgcp.methods.base import Method, OwnOption, whole
 from pgcp.methods.common.boundary_first import closed_lengths
 from pgcp.methods.common.conjugate_gradients import conjugate_gradients
+from pgcp.methods.common.disk import BoundaryFactor, boundary_factor
 from pgcp.methods.common.edge_metric import angle_sums, edge_lengths
 from pgcp.methods.common.flat_metric import Metric, Precondition, Problem, flat_metric
 from pgcp.methods.common.harmonic import mapped_whole
@@ -32,27 +31,24 @@ _LAID_OUT = 1e-13
 _MISFIT = 1e-3
 
 
-def _preconditioner(factor: InterfaceFactor, loop: IntArray, free: BoolArray) -> Precondition:
+def _preconditioner(factor: BoundaryFactor, loop: IntArray, free: BoolArray) -> Precondition:
     """What solves the surface's own Laplacian for a load: the boundary held at 0, or free with one vertex held."""
     none = np.zeros(len(loop), np.complex128)
-    try:
-        held_apart = cho_factor(factor.schur[1:, 1:], check_finite=False) if free[loop].any() else None
-    except LinAlgError as problem:
-        raise SolveFailedError(f"the boundary system of {len(loop)} unknowns is not positive definite") from problem
+    held_apart = pinned_solver(factor.schur) if free[loop].any() else None
 
     def precondition(load: FloatArray) -> FloatArray:
         """Factors (V,) of a load (V,)."""
         whole_load = load.astype(np.complex128)
         held = none
         if held_apart is not None:
-            reduced = cho_solve(held_apart, factor.reduce(whole_load).real[1:], check_finite=False)
+            reduced = held_apart(factor.reduce(whole_load).real[1:, None])[:, 0]
             held = np.concatenate([[0.0], reduced]).astype(np.complex128)
         return np.where(free, factor.solve(whole_load, held).real, 0.0)
 
     return precondition
 
 
-def laid_out(run: Run, problem: Problem, metric: Metric, factor: InterfaceFactor) -> tuple[ComplexArray, float]:
+def laid_out(run: Run, problem: Problem, metric: Metric, factor: BoundaryFactor) -> tuple[ComplexArray, float]:
     """Positions z (V,) of a flat metric, and by how much an edge differs from its length, as a part of the face's perimeter.
 
     The boundary is laid out by its lengths and angles; all else is harmonic in the metric, as positions in the plane are.
@@ -103,7 +99,7 @@ def _problem(run: Run) -> Problem:
 
 def _map(run: Run, parts: Parts) -> Mapped:
     problem, loop = _problem(run), run.boundary
-    factor = eliminated(run, parts, loop)
+    factor = boundary_factor(run, parts)
     with run.clock.stage("map"):
         metric, steps = flat_metric(problem, _preconditioner(factor, loop, problem.free))
     with run.clock.stage("lay out"):

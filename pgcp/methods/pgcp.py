@@ -7,17 +7,22 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from pgcp.elimination.sparse_boundary import SparseFactor, stays_sparse
 from pgcp.errors import CrowdedError, LostFileError, SolveFailedError, WeldFailedError
 from pgcp.interface.factor import InterfaceFactor
+from pgcp.interface.whole_mesh import seen_on_the_final_map
 from pgcp.methods.base import EXACT, FAILURES, Attempt, Choice, Failure, Method, Route
 from pgcp.patches.mapped import Mapped, Weld
 from pgcp.patches.plan import MOST_PLANS, plans
 from pgcp.patches.run import Run
 from pgcp.patches.stored import Parts, gathered, mapped_through_store, spread_out
 from pgcp.patches.tasks import flatten_task, prepare_task, relax_task, solve_task, weld_task
-from pgcp.patches.types import BoundaryCurve, Component, SolveReport, WeldPlan
+from pgcp.patches.types import BoundaryCurve, Component, SeamPositions, SolveReport, WeldPlan
 from pgcp.patches.weld import start_component
+from pgcp.plane.space import map_coefficients
 from pgcp.runtime.executors import Join, JoinTree, Speculation, Tasks
+from pgcp.surface.operators import cotangent_laplacian
+from pgcp.surface.topology import used_vertices
 from pgcp.types import ComplexArray, Positions
 
 _SEEDS = 3
@@ -105,10 +110,23 @@ def solve(run: Run, parts: Parts, welded: Weld) -> Mapped:
     if run.options.seams != "relax":
         solved, points, mu = _solve_patches(run, parts, positions, f"-{welded.crowding:g}-{run.target.name}")
         return Mapped(parts, run.target, points, mu, seams, solved, welded)
+    if not parts.job.stores_operators:
+        return _relaxed_at_once(run, parts, welded, seams, positions)
     solved, record = _relax_seams(run, parts, welded.plan, positions)
     with run.clock.stage("assemble"):
         points, mu = gathered(run, parts, run.target.space)
     return Mapped(parts, run.target, points, mu, seams, solved, welded, {"interface": record})
+
+
+def _relaxed_at_once(run: Run, parts: Parts, welded: Weld, seams: SeamPositions, positions: Positions) -> Mapped:
+    """The same harmonic map by one sparse solve, where the boundary is too long for an operator on all of it."""
+    mesh, loop = run.mesh, run.boundary
+    with run.clock.stage("solve"):
+        laplacian = cotangent_laplacian(mesh.vertices, mesh.faces, run.mollification)
+        points = SparseFactor(laplacian, loop, used_vertices(mesh)).extend(positions[loop])
+        mu = map_coefficients(run.target.space, mesh, mesh.faces, points)
+    solved = seen_on_the_final_map(run, parts, [SolveReport(p.index, 0, 0, 0, 0.0) for p in parts.patches], points, mu)
+    return Mapped(parts, run.target, points, mu, seams, solved, welded)
 
 
 def _relax_seams(run: Run, parts: Parts, plan: WeldPlan, positions: Positions) -> tuple[list[SolveReport], dict[str, Any]]:
@@ -178,8 +196,9 @@ class Welds:
             return Failure("flatten" if stage == "flatten" else "weld", problem, stage)
 
     def _exact(self) -> Mapped | Failure:
-        if len(self._run.boundary) > _LONGEST and self._run.options.seams != EXACT:
-            reason = f"a boundary of {len(self._run.boundary)} vertices is too long for all of it to be solved at once"
+        boundary, count = len(self._run.boundary), len(self._run.mesh.vertices)
+        if boundary > _LONGEST and not stays_sparse(boundary, count) and self._run.options.seams != EXACT:
+            reason = f"a boundary of {boundary} vertices is too long for all of it to be solved at once"
             return Failure("exact", SolveFailedError(reason), EXACT)
         apart = replace(self._parts, job=self._parts.job.for_use(EXACT))  # other factors of the same patches
         try:

@@ -8,18 +8,23 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.linalg.lapack import zhesv
+from scipy.sparse import csr_array, diags_array
 
 from pgcp.elimination.dirichlet import DirichletFactor, eliminate_mesh
+from pgcp.elimination.sparse_boundary import AnyFactor, AnySchur, SparseFactor, SparseSchur, sparse_solver, stays_sparse
 from pgcp.errors import SolveFailedError, WeldFailedError
 from pgcp.patches.plan import plan_welds
 from pgcp.patches.split import cut_patch, split_mesh
 from pgcp.patches.types import BoundaryCurve, Patch
 from pgcp.patches.weld import run_welds, start_component, subdivide
 from pgcp.plane.curves import crosses_itself
-from pgcp.surface.topology import examine
+from pgcp.surface.operators import cotangent_laplacian
+from pgcp.surface.topology import examine, used_vertices
 from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh
 
 _POWER_STEPS = 60
+_SHIFT = 1e-9  # of SCP's matrix, times its mean diagonal entry
+_LONG = 600  # boundary vertices of a patch from which on its operator may stay sparse
 
 
 def conformal_energy_matrix(schur: FloatArray) -> ComplexArray:
@@ -36,6 +41,15 @@ def conformal_energy_matrix(schur: FloatArray) -> ComplexArray:
     return h
 
 
+def sparse_energy_matrix(schur: SparseSchur) -> csr_array:
+    """The Hermitian matrix (n, n) of the same energy on all vertices, the boundary's n_B first: nothing is eliminated."""
+    system, count = schur.system, len(schur)
+    p = np.arange(count)
+    q = (p + 1) % count
+    area = np.repeat([0.5j, -0.5j], count)
+    return csr_array(system + csr_array((area, (np.concatenate([p, q]), np.concatenate([q, p]))), system.shape))
+
+
 def _pins(positions: FloatArray) -> tuple[int, int]:
     """Two boundary vertices far apart: the one farthest from the centre, and the one farthest from it."""
     first = int(np.argmax(np.linalg.norm(positions - positions.mean(axis=0), axis=1)))
@@ -43,12 +57,14 @@ def _pins(positions: FloatArray) -> tuple[int, int]:
     return first, second
 
 
-def dncp_boundary(schur: FloatArray, positions: FloatArray) -> ComplexArray:
+def dncp_boundary(schur: AnySchur, positions: FloatArray) -> ComplexArray:
     """Boundary of the discrete natural conformal map with two pinned boundary vertices (PGCP eq. 4.10).
 
     schur (n_B, n_B), positions (n_B, 3) on the surface, counter-clockwise. Returns z (n_B,), the pins as far apart
     as on the surface. Raises SolveFailedError where the system is singular.
     """
+    if isinstance(schur, SparseSchur):
+        return _sparse_dncp(sparse_energy_matrix(schur), positions)
     h = conformal_energy_matrix(schur)
     first, second = _pins(positions)
     distance = float(np.linalg.norm(positions[second] - positions[first]))
@@ -70,6 +86,18 @@ def dncp_boundary(schur: FloatArray, positions: FloatArray) -> ComplexArray:
     return _checked(z)
 
 
+def _sparse_dncp(h: csr_array, positions: FloatArray) -> ComplexArray:
+    """The same from the sparse matrix h (n, n) of all vertices, the boundary first."""
+    first, second = _pins(positions)
+    distance = float(np.linalg.norm(positions[second] - positions[first]))
+    free = np.setdiff1d(np.arange(h.shape[0]), [first, second])
+    rows = csr_array(h[free])
+    z = np.zeros(h.shape[0], np.complex128)
+    z[second] = distance
+    z[free] = sparse_solver(csr_array(rows[:, free])).solve(-distance * rows[:, [second]].toarray()[:, 0])
+    return _checked(z[: len(positions)])
+
+
 def _solved_indefinite(system: ComplexArray, right: ComplexArray) -> ComplexArray:
     """Solve a Hermitian system that is positive definite but for rounding: its diagonal scaled to 1, by Bunch and Kaufman.
 
@@ -84,26 +112,21 @@ def _solved_indefinite(system: ComplexArray, right: ComplexArray) -> ComplexArra
     return solved
 
 
-def scp_boundary(schur: FloatArray, positions: FloatArray) -> ComplexArray:
+def scp_boundary(schur: AnySchur, positions: FloatArray) -> ComplexArray:
     """Boundary of the spectral conformal map: the smallest non-constant mode of H u = lambda B u.
 
     B weighs boundary vertices by their share of the boundary's length. No vertex is pinned.
     """
-    h = conformal_energy_matrix(schur)
     step = np.linalg.norm(np.roll(positions, -1, axis=0) - positions, axis=1)
     mass = 0.5 * (step + np.roll(step, 1))
     mass = np.maximum(mass / mass.sum(), 1e-12)
-    shift = 1e-9 * float(np.abs(np.diag(h)).mean())
-    try:
-        factor = cho_factor(h + np.diag(shift * np.ones(len(h))), check_finite=False)
-    except LinAlgError as problem:
-        raise SolveFailedError("the SCP boundary system is not positive semi-definite") from problem
+    shifted = _shifted_solver(schur)
     z = dncp_boundary(schur, positions)
     for _ in range(_POWER_STEPS):
         z = z - mass @ z
         z /= np.sqrt(mass @ np.abs(z) ** 2)
         before = z
-        z = cho_solve(factor, mass * z, check_finite=False)
+        z = shifted(mass * z)
         z = z - mass @ z
         overlap = abs((mass * before.conj()) @ z) / np.sqrt(mass @ np.abs(z) ** 2)
         if 1.0 - overlap < 1e-14:
@@ -111,10 +134,28 @@ def scp_boundary(schur: FloatArray, positions: FloatArray) -> ComplexArray:
     return _checked(z * (step.sum() / np.abs(np.roll(z, -1) - z).sum()))
 
 
+def _shifted_solver(schur: AnySchur) -> Callable[[ComplexArray], ComplexArray]:
+    """What solves (H + a small multiple of 1) u = r for loads r (n_B,) on the boundary."""
+    if isinstance(schur, SparseSchur):
+        sparse, count = sparse_energy_matrix(schur), len(schur)
+        lift = np.zeros(sparse.shape[0])
+        lift[:count] = _SHIFT * float(np.abs(sparse.diagonal()[:count]).mean())
+        solver = sparse_solver(csr_array(sparse + diags_array(lift)))
+        rest = np.zeros(len(lift) - count)
+        return lambda load: np.asarray(solver.solve(np.concatenate([load, rest]))[:count], np.complex128)
+    h = conformal_energy_matrix(schur)
+    h[np.diag_indices(len(h))] += _SHIFT * float(np.abs(np.diag(h)).mean())
+    try:
+        factor = cho_factor(h, check_finite=False)
+    except LinAlgError as problem:
+        raise SolveFailedError("the SCP boundary system is not positive semi-definite") from problem
+    return lambda load: cho_solve(factor, load, check_finite=False)
+
+
 _FLATTENERS = {"dncp": dncp_boundary, "scp": scp_boundary}
 
 
-def flatten_boundary(schur: FloatArray, positions: FloatArray, flattener: str) -> ComplexArray:
+def flatten_boundary(schur: AnySchur, positions: FloatArray, flattener: str) -> ComplexArray:
     """Boundary of a free-boundary conformal map, by the flattener of that name: dncp or scp."""
     return _FLATTENERS[flattener](schur, positions)
 
@@ -133,7 +174,18 @@ def factor_patch(
     return eliminate_mesh(patch.vertices, patch.faces, kept, backend, patch.mollification, keeps)
 
 
-def flatten_simply(patch: Patch, factor: DirichletFactor, method: str, backend: str) -> BoundaryCurve:
+def first_factor(patch: Patch, backend: str) -> AnyFactor:
+    """What flattens a patch and is not kept: its interior eliminated, or all sparse where nearly all lies on its boundary."""
+    if not stays_sparse(len(patch.boundary), len(patch.vertices), _LONG):
+        return factor_patch(patch, backend, keeps=lambda _nbytes: False)
+    mesh = Mesh(patch.vertices, patch.faces)
+    laplacian = cotangent_laplacian(patch.vertices, patch.faces, patch.mollification)
+    if not np.isfinite(laplacian.data).all():
+        raise SolveFailedError(f"the Laplacian of patch {patch.index} has entries that are not finite")
+    return SparseFactor(laplacian, patch.boundary, used_vertices(mesh))
+
+
+def flatten_simply(patch: Patch, factor: AnyFactor, method: str, backend: str) -> BoundaryCurve:
     """Flatten one patch to a boundary curve that does not cross itself, subdivided.
 
     Where the free boundary overlaps itself, two halves of the patch are flattened and welded: the weld of two simple
@@ -154,7 +206,7 @@ def flatten_simply(patch: Patch, factor: DirichletFactor, method: str, backend: 
     halves, pieces = {}, 0
     for index in range(2):
         half = cut_patch(mesh, topology, split, index)
-        half_factor = factor_patch(half, backend)
+        half_factor = first_factor(half, backend)
         curve = flatten_simply(half, half_factor, method, backend)
         half_factor.release()
         halves[index] = start_component(curve, mesh.vertices, split.edges)

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from pgcp.elimination.dirichlet import DirichletFactor, DirichletSolver, eliminate_interior
+from pgcp.elimination.dirichlet import DirichletFactor, DirichletSolver
+from pgcp.elimination.sparse_boundary import either_factor
 from pgcp.errors import SolveFailedError
 from pgcp.patches.types import Patch, PatchMap
 from pgcp.plane.mobius import rotation_to_north, to_plane, to_sphere
@@ -48,7 +49,7 @@ def solve_patch(space: Space, patch: Patch, boundary: Positions, factor: Dirichl
         reach = None if chosen.all() else 4 * reach
         if count <= raised:
             continue
-        other = eliminate_interior(laplacian, patch.boundary, backend)
+        other = either_factor(laplacian, patch.boundary, backend)
         tried = _solved(patch, chart, other, boundary)
         other.release()
         left = space.folded(patch.faces, tried)

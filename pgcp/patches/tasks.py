@@ -10,7 +10,8 @@ from collections.abc import Callable
 from functools import partial
 
 from pgcp.elimination.dirichlet import DirichletSolver, harmonic_solver
-from pgcp.patches.flatten import factor_patch, flatten_simply
+from pgcp.elimination.sparse_boundary import AnyFactor
+from pgcp.patches.flatten import factor_patch, first_factor, flatten_simply
 from pgcp.patches.solve import solve_patch
 from pgcp.patches.types import BoundaryCurve, Component, FaceOrder, Patch, SolveReport
 from pgcp.patches.weld import relax_boundary, weld_closed, weld_pair
@@ -21,10 +22,6 @@ from pgcp.runtime.store import PatchStore
 from pgcp.types import Positions
 
 _SECOND_PASS = "second pass"
-
-
-def _never(_nbytes: int) -> bool:
-    return False
 
 
 def keeps_factors(job: Job) -> Callable[[int], bool]:
@@ -43,17 +40,25 @@ def flatten_task(job: Job, index: int) -> BoundaryCurve:
     if done is not None:
         return done
     patch = store.read("patch", index, Patch)
-    factor = factor_patch(patch, job.backend, keeps=keeps_factors(job) if job.stores_operators else _never)
-    curve = flatten_simply(patch, factor, job.flattener, job.backend)
     if job.stores_operators:
+        factor = factor_patch(patch, job.backend, keeps=keeps_factors(job))
+        curve = flatten_simply(patch, factor, job.flattener, job.backend)
         store.write_array("operator", index, factor.schur)
+        _store_curve(store, curve, factor)
+        FACTORS.put(job.key(index), factor, job.factor_cache_bytes)
+        return curve
+    once = first_factor(patch, job.backend)
+    curve = flatten_simply(patch, once, job.flattener, job.backend)
+    _store_curve(store, curve, once)
+    return curve
+
+
+def _store_curve(store: PatchStore, curve: BoundaryCurve, factor: AnyFactor) -> None:
+    """Store the order in which a patch's faces were eliminated, where there is one, and its boundary curve."""
     order = getattr(factor, "order", None)
     if order is not None:
-        store.write("order", index, FaceOrder(order))
-    store.write("curve", index, curve)
-    if job.stores_operators:
-        FACTORS.put(job.key(index), factor, job.factor_cache_bytes)
-    return curve
+        store.write("order", curve.patch, FaceOrder(order))
+    store.write("curve", curve.patch, curve)
 
 
 def relax_task(component: Component) -> Component:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
-
 import numba
 import numpy as np
 
 from pgcp.parallel import in_slices
+from pgcp.surface.exact import plane_signs, space_signs
 from pgcp.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 _ROUNDING = 8.0 * np.finfo(np.float64).eps
@@ -66,9 +65,9 @@ def folded_faces(faces: IntArray, z: ComplexArray) -> IntArray:
     """Indices of faces whose image in the plane has no positive area, decided exactly where rounding could mislead."""
     area, unsure = _signed_areas(faces, z)
     folded = area <= 0.0
-    for f in np.flatnonzero(unsure):
-        (ax, ay), (bx, by), (cx, cy) = ((Fraction(w.real), Fraction(w.imag)) for w in z[faces[f]].tolist())
-        folded[f] = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax) <= 0
+    if unsure.any():
+        corners = z[faces[unsure]]
+        folded[unsure] = plane_signs(np.stack([corners.real, corners.imag], axis=-1)) <= 0.0
     return np.flatnonzero(folded)
 
 
@@ -117,9 +116,8 @@ def folded_faces_on_sphere(faces: IntArray, points: FloatArray) -> IntArray:
     """
     volume, unsure = _volumes(faces, points)
     folded = volume <= 0.0
-    for f in np.flatnonzero(unsure):
-        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = (tuple(Fraction(x) for x in row) for row in points[faces[f]].tolist())
-        folded[f] = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx) <= 0
+    if unsure.any():
+        folded[unsure] = space_signs(points[faces[unsure]]) <= 0.0
     return np.flatnonzero(folded)
 
 

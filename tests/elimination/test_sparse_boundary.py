@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from meshes import grid, lifted
+from meshes import grid, lifted, similarity_error
 
 import pgcp
 from pgcp.elimination.dirichlet import eliminate_interior
-from pgcp.elimination.sparse_boundary import SparseFactor, sparse_solver, stays_sparse
+from pgcp.elimination.nested import NestedFactor
+from pgcp.elimination.sparse_boundary import (
+    SparseFactor,
+    applied,
+    either_factor,
+    pinned_solver,
+    sparse_solver,
+    stays_sparse,
+)
+from pgcp.elimination.superlu import SuperLUFactor
 from pgcp.errors import SolveFailedError
+from pgcp.interface.factor import InterfaceFactor
 from pgcp.methods.common.double_cover import solve_pinned
+from pgcp.patches.flatten import flatten_boundary
 from pgcp.surface.operators import cotangent_laplacian
 from pgcp.surface.topology import examine
 from pgcp.types import Mesh
@@ -31,9 +42,11 @@ def test_it_does_what_the_dense_one_does(mesh):
     columns, load = rng.normal(size=(len(loop), 2)), rng.normal(size=(n, 2)) @ [1, 1j]
     assert len(sparse.schur) == len(loop)
     assert np.abs(sparse.schur @ columns - dense.schur @ columns).max() < 1e-12
-    pinned = [solve_pinned(factor.schur, columns[1:]) for factor in (dense, sparse)]
-    assert np.abs(pinned[0] - pinned[1]).max() < 1e-11
+    for pin in (solve_pinned, lambda schur, load: pinned_solver(schur)(load)):
+        pinned = [pin(factor.schur, columns[1:]) for factor in (dense, sparse)]
+        assert np.abs(pinned[0] - pinned[1]).max() < 1e-11
     values = columns @ [1, 1j]
+    assert np.abs(applied(sparse.schur, values) - dense.schur @ values).max() < 1e-12
     assert np.abs(sparse.extend(values) - dense.extend(values)).max() < 1e-12
     assert np.abs(sparse.solve(load, values) - dense.solve(load, values)).max() < 1e-12
     assert np.abs(sparse.reduce(load) - dense.reduce(load)).max() < 1e-12
@@ -79,3 +92,61 @@ def test_an_even_fan_is_mapped_as_well_as_can_be(method):
     exact = pgcp.parameterize(mesh, method="fdcp", target="disk", patches=1).quality.conformal_energy
     assert energy <= exact + 1e-9
     assert pgcp.parameterize(flat, method=method, target="disk", patches=1).quality.conformal_energy < 1e-9
+
+
+@pytest.mark.parametrize("flattener", ["dncp", "scp"])
+@pytest.mark.parametrize("mesh", [lifted(grid(7)), _fan(12), grid(1, 50)], ids=["hills", "fan", "strip"])
+def test_the_free_boundary_is_that_of_the_dense_operator(mesh, flattener):
+    n = len(mesh.vertices)
+    laplacian, loop = cotangent_laplacian(mesh.vertices, mesh.faces), examine(mesh.faces, n).loops[0]
+    dense, sparse = eliminate_interior(laplacian, loop), SparseFactor(laplacian, loop, np.ones(n, bool))
+    z, wanted = (flatten_boundary(factor.schur, mesh.vertices[loop], flattener) for factor in (sparse, dense))
+    assert similarity_error(z, wanted) < 1e-8
+
+
+def test_either_factor_is_sparse_where_nearly_all_is_kept():
+    mesh = _fan(1600)
+    laplacian = cotangent_laplacian(mesh.vertices, mesh.faces)
+    assert isinstance(either_factor(laplacian, np.arange(1, 1601)), SparseFactor)
+    assert not isinstance(either_factor(laplacian, np.arange(1, 100)), SparseFactor)
+    laplacian.data[0] = np.nan
+    with pytest.raises(SolveFailedError, match="not finite"):
+        either_factor(laplacian, np.arange(1, 1601))
+
+
+@pytest.fixture
+def nothing_dense(monkeypatch):
+    """Whatever would make an operator of more than 1000 vertices fails."""
+
+    def refused(make, kept_at):
+        def tried(*arguments, **named):
+            assert len(arguments[kept_at]) <= 1000
+            make(*arguments, **named)
+
+        return tried
+
+    for factor, kept_at in ((NestedFactor, 3), (SuperLUFactor, 3), (InterfaceFactor, 5)):
+        monkeypatch.setattr(factor, "__init__", refused(factor.__init__, kept_at))
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"target": "disk", "method": "bff"},
+        {"target": "free", "method": "bff"},
+        {"target": "free", "method": "cetm"},
+        {"target": "free", "method": "dncp"},
+        {"target": "free", "method": "scp"},
+        {"target": "disk"},
+        {"target": "disk", "flatten": "scp"},
+        {"target": "disk", "seams": "exact"},
+        {"target": "free", "seams": "relax"},
+    ],
+    ids=lambda asked: " ".join(asked.values()),
+)
+def test_nothing_dense_is_made_of_a_long_boundary(asked, nothing_dense):
+    result = pgcp.parameterize(_fan(2400), patches=2, polish="none", **asked)
+    assert result.quality.folds == 0
+    assert result.report["fallback"] is None
+    # two pins, both on the rim, bend the map a little: so they do where the operator is dense
+    assert result.quality.angle_mean_deg < (0.35 if asked.get("method") == "dncp" else 0.02)

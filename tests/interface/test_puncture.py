@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 from meshes import icosphere
 
-from pgcp.interface.puncture import puncture_face
+import pgcp
+from pgcp.interface.puncture import large_faces, puncture_face
+from pgcp.plane.mobius import boost
+from pgcp.surface.operators import face_areas
 from pgcp.types import Mesh
 
 
@@ -51,3 +54,18 @@ def test_the_tip_of_a_limb_is_not_opened_however_well_shaped():
     everywhere = range(0, len(mesh.faces), 7)
     assert min(everywhere, key=lambda f: worst_around(mesh, f)) in np.flatnonzero(distance > np.quantile(distance, 0.8))
     assert distance[face] <= np.quantile(distance, 0.3)
+
+
+def test_other_faces_are_opened_where_the_first_leads_to_large_errors():
+    """A sphere moved along itself: fine on one side, so coarse on the other that no chart of it is good; it is its own map."""
+    ball = icosphere(3)
+    moved = boost(ball.vertices, np.array([0.9, 0.1, 0.2]) * 0.9)
+    mesh = Mesh(moved, ball.faces)
+    faces = large_faces(mesh, 5)
+    areas = face_areas(mesh.vertices, mesh.faces)
+    assert len(set(faces.tolist())) == 5
+    assert faces[0] == np.argmax(areas)
+    assert areas[faces].min() >= np.quantile(areas, 0.9)
+    result = pgcp.parameterize(mesh, target="sphere", seams="exact")
+    assert result.quality.folds == 0
+    assert result.quality.angle_mean_deg < 2.0

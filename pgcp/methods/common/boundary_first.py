@@ -10,8 +10,9 @@ S the Dirichlet-to-Neumann operator, K and k the surface's integrated curvatures
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import LinAlgError
 
+from pgcp.elimination.sparse_boundary import AnySchur, pinned_solver
 from pgcp.errors import SolveFailedError
 from pgcp.methods.common.boundary_energy import goes_round_once
 from pgcp.surface.operators import corner_weights
@@ -44,20 +45,17 @@ class BoundaryFlattening:
     vertex to the next, counter-clockwise.
     """
 
-    def __init__(self, schur: FloatArray, kappa: FloatArray, lengths: FloatArray) -> None:
+    def __init__(self, schur: AnySchur, kappa: FloatArray, lengths: FloatArray) -> None:
         self.schur, self.kappa, self.lengths = schur, kappa, lengths
-        try:
-            self._factor = cho_factor(schur[1:, 1:], check_finite=False)
-        except LinAlgError as problem:
-            raise SolveFailedError(f"the boundary system of {len(schur)} unknowns is not positive definite") from problem
+        self._solve = pinned_solver(schur)
 
     def turning(self, factors: FloatArray) -> FloatArray:
         """Turning angles (n_B,) of the boundary whose scale factors u (n_B,) are given; their sum is 2 pi."""
-        return self.kappa + self.schur @ factors
+        return np.asarray(self.kappa + (self.schur @ factors[:, None])[:, 0], np.float64)
 
     def factors(self, turning: FloatArray) -> FloatArray:
         """Scale factors u (n_B,) of mean 0 of the boundary with given turning angles (n_B,) that sum to 2 pi."""
-        solved = np.concatenate([[0.0], cho_solve(self._factor, (turning - self.kappa)[1:], check_finite=False)])
+        solved = np.concatenate([[0.0], self._solve((turning - self.kappa)[1:, None])[:, 0]])
         return np.asarray(solved - solved.mean(), np.float64)
 
     def scaled(self, factors: FloatArray) -> FloatArray:

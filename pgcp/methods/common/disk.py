@@ -22,6 +22,8 @@ from pgcp.surface.operators import cotangent_laplacian
 from pgcp.surface.topology import used_vertices
 from pgcp.types import ComplexArray, FloatArray, IntArray
 
+BoundaryFactor = InterfaceFactor | SparseFactor
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Disk:
@@ -29,7 +31,7 @@ class Disk:
 
     run: Run
     loop: IntArray
-    factor: InterfaceFactor | SparseFactor
+    factor: BoundaryFactor
     centre: int
 
     def starts(self) -> tuple[FloatArray, ...]:
@@ -74,7 +76,7 @@ def of_energy(found: EnergyMap) -> DiskMap:
     return DiskMap(found.z, {"iterations": plain_steps(found.steps), "converged": found.converged})
 
 
-def _factor(run: Run, parts: Parts, make: Make | None) -> InterfaceFactor | SparseFactor:
+def boundary_factor(run: Run, parts: Parts, make: Make | None = None) -> BoundaryFactor:
     """The Laplacian, boundary last; sparse where the boundary is not small beside the interior, or a solver is given."""
     mesh, loop = run.mesh, run.boundary
     if make is None and not stays_sparse(len(loop), len(mesh.vertices)):
@@ -90,7 +92,7 @@ def map_disk(run: Run, parts: Parts, find: Callable[[Disk], DiskMap], make: Make
     make: what makes solvers of the undivided mesh's sparse systems, where these are to take the place of the elimination.
     """
     mesh, loop = run.mesh, run.boundary
-    factor = _factor(run, parts, make)
+    factor = boundary_factor(run, parts, make)
     with run.clock.stage("centre"):
         centre = central_face(mesh.vertices, mesh.faces, late_heat(loop, used_vertices(mesh), factor))
     with run.clock.stage("map"):

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from pgcp.elimination.dirichlet import eliminate_interior
+from pgcp.elimination.sparse_boundary import either_factor
 from pgcp.errors import SolveFailedError
 from pgcp.methods.common.conjugate_gradients import conjugate_gradients
 from pgcp.methods.common.edge_metric import Shapes, angle_sums, conformal_equivalence_energy, scaled_lengths, shapes_of
@@ -129,7 +129,7 @@ def _matrix(problem: Problem, metric: Metric) -> csr_array:
 def _factored_direction(problem: Problem, metric: Metric) -> FloatArray:
     """Solve L(l) d = - defects by one factorization."""
     held = np.flatnonzero(~problem.free)
-    factor = eliminate_interior(_matrix(problem, metric), held)
+    factor = either_factor(_matrix(problem, metric), held)
     return np.asarray(factor.solve(-metric.defects.astype(np.complex128), np.zeros(len(held), np.complex128)).real, np.float64)
 
 
