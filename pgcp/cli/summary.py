@@ -109,5 +109,6 @@ def record(result: Parameterization, seconds: float, paths: list[Path]) -> dict[
         "repairs": report["repairs"],
         "overlap": report["overlap"],
         "fallback": report["fallback"],
+        "cut": report.get("cut"),
         "files": [str(path) for path in paths],
     }

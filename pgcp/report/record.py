@@ -12,8 +12,9 @@ from pgcp.patches.mapped import Mapped
 from pgcp.patches.plan import patch_graph
 from pgcp.plane.space import find_folds
 from pgcp.retry.course import Outcome
+from pgcp.surface.squeeze import LARGEST, extremes, measured_scales, scale_ratio
 from pgcp.targets.registry import TARGETS
-from pgcp.types import Mesh, Parameterization, Quality
+from pgcp.types import FloatArray, Mesh, Parameterization, Quality
 
 
 def fold_message(result: Parameterization) -> str:
@@ -56,6 +57,28 @@ def _patch_rows(mapped: Mapped) -> list[dict[str, Any]]:
             "reused_factor": solved.reused_factor,
         }
     return rows
+
+
+def cut_report(found: Mapping[str, Any], mesh: Mesh, image: FloatArray, bound: float, rounds: int) -> dict[str, Any]:
+    """What the report of a run says of a cut: ``cut``.
+
+    found: what is known of the cut before there is a map; mesh: cut open; image (V, 2): the map in the surface's unit;
+    bound: of the scale ratio, infinite for none; rounds: how often the surface was mapped.
+    """
+    scales, areas = measured_scales(mesh, image)
+    low, high = extremes(scales, areas)
+    known = scales[areas > 0.0]
+    return {
+        "cut": {
+            **found,
+            "scale_ratio": scale_ratio(scales, areas),
+            "least_scale": float(np.exp(low)),
+            "largest_scale": float(np.exp(high)),
+            "all_scales_ratio": float(np.exp(min(float(np.ptp(known)), LARGEST))),
+            "bound": bound if np.isfinite(bound) else None,
+            "rounds": rounds,
+        }
+    }
 
 
 def run_report(

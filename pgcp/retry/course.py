@@ -19,6 +19,7 @@ from pgcp.patches.types import SeamPositions
 from pgcp.plane.curves import crossings
 from pgcp.plane.space import find_folds
 from pgcp.plane.unfold import unfolded
+from pgcp.retry.cut_open import evenest
 from pgcp.retry.decide import Tried, next_attempt
 from pgcp.retry.finished import (
     EMBED,
@@ -252,7 +253,7 @@ def _mapped(run: Run, method: Method) -> Outcome:
             raise nothing.problem from None
         return embedded(run, method, nothing.tried, str(nothing.problem))
     if target_of(run.target).has_free_boundary:
-        outcome = _free_or_other(run, method, _freest(run, method, done), tried)
+        outcome = _free_or_other(run, method, evenest(run, method, _freest(run, method, done)), tried)
     else:
         outcome = Outcome(done, tried)
     if run.options.seams == "exact" and outcome.fallback is None and outcome.done.mapped.seams_by != "exact":

@@ -9,6 +9,8 @@ S the Dirichlet-to-Neumann operator, K and k the surface's integrated curvatures
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
@@ -46,10 +48,13 @@ class BoundaryFlattening:
 
     def __init__(self, schur: FloatArray, kappa: FloatArray, lengths: FloatArray) -> None:
         self.schur, self.kappa, self.lengths = schur, kappa, lengths
+
+    @cached_property
+    def _factor(self) -> tuple[FloatArray, bool]:
         try:
-            self._factor = cho_factor(schur[1:, 1:], check_finite=False)
+            return cho_factor(self.schur[1:, 1:], check_finite=False)
         except LinAlgError as problem:
-            raise SolveFailedError(f"the boundary system of {len(schur)} unknowns is not positive definite") from problem
+            raise SolveFailedError(f"the boundary system of {len(self.schur)} unknowns is not positive definite") from problem
 
     def turning(self, factors: FloatArray) -> FloatArray:
         """Turning angles (n_B,) of the boundary whose scale factors u (n_B,) are given; their sum is 2 pi."""
