@@ -30,7 +30,7 @@ BACKENDS = ("nested", "pardiso", "superlu")
 SEAMS = ("weld", "relax", "exact")
 _LEAST_MEMORY = 10**9
 _MOST_WELDED = 0.01
-SCALE_RATIO = 20.0  # that a cut aims at where none is named
+SCALE_RATIO = 20.0  # of areas, that a cut that is found is to keep below
 
 
 def names_checked(function: Callable[Given, Made]) -> Callable[Given, Made]:

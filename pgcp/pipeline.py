@@ -47,7 +47,7 @@ from pgcp.targets.base import Target
 from pgcp.targets.fitting import Asked, check_centre_is_inside, check_options
 from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Origin, Parameterization, Quality, Source
 
-_CLOSER = 0.7  # of the scale ratio: what further cuts are to bring it to where the map overlaps itself
+_CLOSER = 0.5  # of the scale ratio: what further cuts are to bring it to where the map overlaps itself
 _ROUNDS = 4  # of maps, each of a surface that is cut through more tips than before
 
 

@@ -196,7 +196,7 @@ def _mesh_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--max-area-distortion", type=float, metavar="R",
         help=f"with --cut auto: cut through more tips until the map's scale ratio is R at most (default {SCALE_RATIO:g}): the "
-        "length scale that 99 %% of the area stays below, over the one that 99 %% stays above",
+        "factor by which areas are scaled that 99 %% of the surface stays below, over the one that 99 %% stays above",
     )  # fmt: skip
     group.add_argument(
         "--cuts", type=Path, metavar="FILE",

@@ -72,9 +72,8 @@ def cut_report(found: Mapping[str, Any], mesh: Mesh, image: FloatArray, bound: f
         "cut": {
             **found,
             "scale_ratio": scale_ratio(scales, areas),
-            "least_scale": float(np.exp(low)),
-            "largest_scale": float(np.exp(high)),
-            "all_scales_ratio": float(np.exp(min(float(np.ptp(known)), LARGEST))),
+            "length_scales": [float(np.exp(low)), float(np.exp(high))],
+            "largest_scale_ratio": float(np.exp(min(2.0 * float(np.ptp(known)), LARGEST))),
             "bound": bound if np.isfinite(bound) else None,
             "rounds": rounds,
         }

@@ -92,11 +92,12 @@ def cuts_of_all(cuts: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
     if not cuts:
         return None
     sums = ("edges", "length_by_diagonal", "length_by_root_of_area", "genus", "boundaries", "tips")
-    worst = ("scale_ratio", "all_scales_ratio", "largest_scale", "rounds")
+    worst = ("scale_ratio", "largest_scale_ratio", "rounds")
     out = {**cuts[0], **{name: sum(cut[name] for cut in cuts) for name in sums}}
     out |= {name: max(cut[name] for cut in cuts) for name in worst}
     out.pop("foretold_scale_ratio", None)
-    return {**out, "least_scale": min(cut["least_scale"] for cut in cuts)}
+    scales = np.array([cut["length_scales"] for cut in cuts])
+    return {**out, "length_scales": [float(scales[:, 0].min()), float(scales[:, 1].max())]}
 
 
 def all_note(count: int, left: Sequence[str]) -> dict[str, Any]:

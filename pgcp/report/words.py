@@ -48,7 +48,10 @@ def _of_cut(cut: dict[str, Any], overlap: dict[str, Any] | None) -> list[str]:
     bound, ratio = cut["bound"], cut["scale_ratio"]
     kept = "" if bound is None else f", {'within' if ratio <= bound else 'above'} the bound {bound:g}"
     tried = f" after {cut['rounds']} maps" if cut["rounds"] > 1 else ""
-    lines.append(f"scale ratio {ratio:.3g}{kept}{tried}: 98 % of the area has length scales that differ by no more")
+    lines.append(
+        f"scale ratio {ratio:.3g}{kept}{tried}: areas are scaled by factors that differ by no more, lengths by "
+        f"{ratio**0.5:.2g}, on 98 % of the surface"
+    )
     if overlap is not None and not overlap["crossings"]:
         lines.append("the map does not overlap itself")
     return lines

@@ -267,7 +267,7 @@ def _freest(run: Run, method: Method, done: Finished) -> Finished:
 
     A developable surface is unfolded: that is its conformal map, exact to rounding. Where the free map has large errors, as
     with a boundary of few vertices that the whole surface is squeezed into, the map to the target it gives way to may have
-    smaller ones; it then is the free map.
+    smaller ones; it then is the free map. Not so of a surface that was cut open for even scales, which a disk has not.
     """
     if method.to_target is None:
         return done
@@ -279,7 +279,7 @@ def _freest(run: Run, method: Method, done: Finished) -> Finished:
             return replace(done, repaired=replace(done.repaired, points=flat, touched=everything, folds=folds))
     other = target_of(run.target).gives_way_to
     error = mean_error(run, done)
-    if other is None or done.folds or error < _GOOD_DEG:
+    if other is None or done.folds or error < _GOOD_DEG or run.options.opens:
         return done
     try:
         mapped = method.to_target(replace(run, target=TARGETS.get(other)), done.mapped)

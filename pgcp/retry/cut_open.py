@@ -11,7 +11,7 @@ from pgcp.methods.base import Method
 from pgcp.methods.common.evened import evened
 from pgcp.patches.run import Run
 from pgcp.plane.curves import crossings
-from pgcp.retry.finished import Finished, finish
+from pgcp.retry.finished import Finished, finish, repaired_at_last
 from pgcp.surface.squeeze import scale_ratio_of
 from pgcp.types import FloatArray, IntArray, Mesh
 
@@ -51,7 +51,7 @@ def evenest(run: Run, method: Method, done: Finished) -> Finished:
         return done
     try:
         for mapped in evened(run, done.mapped.parts, done.points):
-            found = finish(run, method, mapped)
+            found = repaired_at_last(run, finish(run, method, mapped))
             other = _of(run, found)
             if other < best:
                 best, done = other, found

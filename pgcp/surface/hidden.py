@@ -42,9 +42,15 @@ def _samples(vertices: FloatArray, faces: IntArray, areas: FloatArray) -> FloatA
 def visibility(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """How widely each vertex (V,) is seen from outside: 0 from nowhere, 1 as one of a convex surface.
 
+    A closed surface may be inside out.
+
     From 48 directions, by depth images of 96 x 96 pixels; a direction counts by the cosine with the vertex's normal.
     """
     normals, areas = face_normals(vertices, faces)
+    # which side is outside: that to which the faces look away from their middle, on average
+    middles = vertices[faces].mean(axis=1)
+    middles -= np.average(middles, axis=0, weights=areas)
+    normals *= -1.0 if float((normals * middles).sum(axis=1) @ areas) < 0.0 else 1.0
     of_vertex = np.zeros_like(vertices)
     for axis in range(3):
         of_vertex[:, axis] = sum(np.bincount(c, normals[:, axis] * areas, len(vertices)) for c in faces.T)

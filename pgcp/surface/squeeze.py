@@ -60,14 +60,14 @@ def extremes(values: FloatArray, weights: FloatArray) -> tuple[float, float]:
 
 
 def scale_ratio(log_scale: FloatArray, areas: FloatArray) -> float:
-    """By how much length scales differ: the scale that 99 % of the area stays below, over the one that 99 % stays above.
+    """By how much area scales differ: the scale that 99 % of the area stays below, over the one that 99 % stays above.
 
-    log_scale (N,): logarithms of scale factors of lengths; areas (N,), on the surface, on which they hold. Largest and least
-    scale are no measure: at the ends and branches of a cut the scale of a conformal map goes to 0 or infinity, as far as
-    the mesh is fine.
+    log_scale (N,): logarithms of scale factors of lengths; areas (N,), on the surface, on which they hold. An area scale is the
+    square of the length scale. Largest and least scale are no measure: at the ends and branches of a cut the scale of a
+    conformal map goes to 0 or infinity, as far as the mesh is fine.
     """
     low, high = extremes(log_scale, areas)
-    return float(np.exp(min(high - low, LARGEST)))
+    return float(np.exp(min(2.0 * (high - low), LARGEST)))
 
 
 def measured_scales(mesh: Mesh, image: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -108,7 +108,7 @@ def tips_of(ends: IntArray, log_scale: FloatArray, areas: FloatArray, on_cut: Bo
     ends (E, 2): edges; log_scale, areas, on_cut (V,).
     """
     low, high = extremes(log_scale, areas)
-    span = np.log(bound)
+    span = 0.5 * np.log(bound)
     free = ~on_cut & (areas > 0.0)
     for bad, depth in ((free & (log_scale < high - span), log_scale), (free & (log_scale > low + span), -log_scale)):
         if not bad.any():
