@@ -172,8 +172,9 @@ def compare(
     """
     options = options or Options()
     mesh = as_mesh(source)
-    topology = inspect_mended(mesh, Asked(options.target)).topology if options.fix else check_mesh(mesh, options.target)
-    targets = fitting_names(topology) if options.target == AUTO else [options.target]
+    asked = Asked(options.target, opens=options.opens)
+    topology = inspect_mended(mesh, asked).topology if options.fix else inspect(mesh, asked).accepted()[0]
+    targets = fitting_names(topology, options.opens) if options.target == AUTO else [options.target]
     pairs = [
         (target, method)
         for target in targets

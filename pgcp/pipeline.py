@@ -266,6 +266,10 @@ def _result(found: _Mapped, mu: ComplexArray, quality: Quality, where: dict[str,
         )
     back = give_back(taken.cut.mesh, taken.given, mended)
     vertex_of, face_of = (back.vertex_of, back.face_of) if is_part else (None, None)
+    if report["overlap"]:
+        now = np.zeros(len(mended.vertex_of), np.int64)
+        now[back.point_of] = np.arange(len(back.point_of))
+        report["overlap"] = {**report["overlap"], "edges": now[report["overlap"]["edges"]].tolist()}
     point_of = back.point_of if taken.opened is None else taken.opened.vertex_of[back.point_of]
     origin = Origin(point_of, back.vertex_of, back.corners(taken.cut.corner_of), taken.source)
     coordinates = coordinates[back.point_of]

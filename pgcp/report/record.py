@@ -115,6 +115,7 @@ def run_report(
         "correction": asdict(done.correction) if done.correction is not None else None,
         "polish": asdict(done.polish) if done.polish is not None else None,
         "repairs": [asdict(repair) for repair in done.repaired.records],
+        "cut": None,
         "overlap": outcome.overlap,
         "fallback": outcome.fallback,
         "fixes": list(fixes),

@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
 
 from pgcp.types import BoolArray, FloatArray, IntArray
 
-_ROOTS = 6
+_ROOTS, _ON_CUT = 6, 5
 _NOWHERE = -9999  # SciPy's predecessor of what has none
 
 
@@ -148,13 +148,21 @@ def _without_stem(graph: EdgeGraph, cut: BoolArray, root: int) -> BoolArray:
 def open_surface(graph: EdgeGraph, costs: FloatArray, roots: IntArray, loops: IntArray) -> BoolArray:
     """Edges (E,) that open a connected surface to a disk, boundary edges among them; none of a sphere.
 
-    costs (E,): positive; roots: vertices of which the one with the cheapest cut is the loops' common point; loops (b,): a
+    costs (E,): positive; roots: vertices of which the one with the cheapest cut is the loops' common point, or else one of five
+    on that cut; loops (b,): a
     vertex of each boundary loop.
     """
     if graph.characteristic + len(loops) == 2 and len(loops) < 2:
         return graph.is_boundary.copy()
-    cuts = [_opening(graph, costs, int(root), loops) for root in roots]
-    return min(cuts, key=lambda cut: float(costs[cut & ~graph.is_boundary].sum()))
+
+    def cost(cut: BoolArray) -> float:
+        """What a cut costs."""
+        return float(costs[cut & ~graph.is_boundary].sum())
+
+    best = min((_opening(graph, costs, int(root), loops) for root in roots), key=cost)
+    on_cut = np.unique(graph.ends[best & ~graph.is_boundary])
+    others = on_cut[np.linspace(0, len(on_cut) - 1, _ON_CUT).astype(np.int64)]
+    return min((best, *(_opening(graph, costs, int(root), loops) for root in others)), key=cost)
 
 
 def spread_vertices(graph: EdgeGraph, costs: FloatArray, used: BoolArray, count: int = _ROOTS) -> IntArray:

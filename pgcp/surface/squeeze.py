@@ -101,16 +101,16 @@ def tips_of(ends: IntArray, log_scale: FloatArray, areas: FloatArray, on_cut: Bo
     """Vertices that a cut should go through, so that the scale ratio comes below a bound: the tips of what is squeezed most.
 
     What is smaller than the bound allows, beside the largest scale, falls apart in regions; the tip of each is where the scale
-    is least. Returned are those of regions that have a fifth of the largest one's area or more. Where nothing is too small,
-    regions that are too large, beside the least scale, have their tips where the scale is greatest. None where all of that is
-    on the cut.
+    is least. Returned are those of regions that have a fifth of the largest one's area or more. Where there is less that is too
+    large, beside the least scale, its tips are taken, where the scale is greatest. None where all is on the cut.
 
     ends (E, 2): edges; log_scale, areas, on_cut (V,).
     """
     low, high = extremes(log_scale, areas)
     span = 0.5 * np.log(bound)
     free = ~on_cut & (areas > 0.0)
-    for bad, depth in ((free & (log_scale < high - span), log_scale), (free & (log_scale > low + span), -log_scale)):
+    sides = ((free & (log_scale < high - span), log_scale), (free & (log_scale > low + span), -log_scale))
+    for bad, depth in sorted(sides, key=lambda side: float(areas[side[0]].sum())):
         if not bad.any():
             continue
         a, b = ends[bad[ends].all(axis=1)].T

@@ -83,8 +83,10 @@ def _listed(names: list[str]) -> str:
     return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
 
 
-def fitting_names(topology: Topology) -> list[str]:
-    """Names of the targets that fit a surface."""
+def fitting_names(topology: Topology, opens: bool = False) -> list[str]:
+    """Names of the targets that fit a surface, or that fit it once it is cut open."""
+    if opens:
+        return _names(False) if topology.genus is not None else []
     return [name for closed in (False, True) if topology.fits(closed) for name in _names(closed)]
 
 
