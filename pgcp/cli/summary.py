@@ -17,9 +17,7 @@ if TYPE_CHECKING:
 _LOOPS = 20
 
 
-def check_only(
-    surface: Surface, target: str, fix: bool, distance: float | None, component: str, opens: bool = False
-) -> int:
+def check_only(surface: Surface, target: str, fix: bool, distance: float | None, component: str, opens: bool = False) -> int:
     """Say what a mesh is and what is wrong with it, where it is to be cut open (``opens``) or not; returns the exit status."""
     from pgcp.intake.check import advised, inspect_mended, look
     from pgcp.intake.given import ALL, LARGEST, take
@@ -46,7 +44,9 @@ def check_only(
         say(f"  input: {note['message']}")
     if given.mesh is not mesh:
         say(f"  then it is {given.topology.describe()}")
-    say(f"  targets that fit: {', '.join(fitting_names(given.topology, opens)) or 'none'}{', once it is cut open' if opens else ''}")
+    say(
+        f"  targets that fit: {', '.join(fitting_names(given.topology, opens)) or 'none'}{', once it is cut open' if opens else ''}"
+    )
     for defect in given.topology.defects:
         say(f"  defect: {defect.message}")
     if seen is None:

@@ -101,8 +101,9 @@ def tips_of(ends: IntArray, log_scale: FloatArray, areas: FloatArray, on_cut: Bo
     """Vertices that a cut should go through, so that the scale ratio comes below a bound: the tips of what is squeezed most.
 
     What is smaller than the bound allows, beside the largest scale, falls apart in regions; the tip of each is where the scale
-    is least. Returned are those of regions that have a fifth of the largest one's area or more. Where there is less that is too
-    large, beside the least scale, its tips are taken, where the scale is greatest. None where all is on the cut.
+    is least. Returned are those of regions that have a fifth of the largest one's area or more. Where the largest
+    scale is farther from that on the cut than the least is, tips are those of what is too large beside the least, where the
+    scale is greatest. None where all is on the cut.
 
     ends (E, 2): edges; log_scale, areas, on_cut (V,).
     """
@@ -110,7 +111,8 @@ def tips_of(ends: IntArray, log_scale: FloatArray, areas: FloatArray, on_cut: Bo
     span = 0.5 * np.log(bound)
     free = ~on_cut & (areas > 0.0)
     sides = ((free & (log_scale < high - span), log_scale), (free & (log_scale > low + span), -log_scale))
-    for bad, depth in sorted(sides, key=lambda side: float(areas[side[0]].sum())):
+    base = float(np.median(log_scale[on_cut] if on_cut.any() else log_scale))
+    for bad, depth in sides if base - low >= high - base else sides[::-1]:
         if not bad.any():
             continue
         a, b = ends[bad[ends].all(axis=1)].T

@@ -98,7 +98,12 @@ def test_given_edges_are_cut_and_no_others():
     [
         (torus(12), [(0, 30)], InputError, "cut.txt: 0-30 is no edge of torus"),
         (torus(12), [(0, 999)], InputError, "cut.txt: 0-999 is no edge of torus"),
-        (torus(12), grid_loops(12)[:12], NotSimplyConnectedError, "12 edges, torus is a surface of genus 0, 2 boundary loops; a cut"),
+        (
+            torus(12),
+            grid_loops(12)[:12],
+            NotSimplyConnectedError,
+            "12 edges, torus is a surface of genus 0, 2 boundary loops; a cut",
+        ),
         (icosphere(1), [(0, 12)], NotSimplyConnectedError, "icosphere is a closed surface of genus 0"),
     ],
 )

@@ -10,7 +10,6 @@ from pgcp.methods.common.evened import _from_circle, _from_map, boundaries_betwe
 from pgcp.plane.curves import crosses_itself
 
 
-
 @pytest.fixture
 def circle():
     return np.exp(2j * np.pi * np.arange(40) / 40)
