@@ -122,7 +122,7 @@ def test_each_component_is_cut(tmp_path):
     pgcp.write_mesh(tmp_path / "two.obj", mesh)
     out = str(tmp_path / "uv.obj")
     assert main([str(tmp_path / "two.obj"), "--cut", "auto", "--component", "all", "-o", out, "--quiet"]) == 0
-    vertices, uv, faces, at = corners_of(tmp_path / "uv.obj")
+    vertices, _, faces, at = corners_of(tmp_path / "uv.obj")
     assert np.array_equal(faces, mesh.faces)
     assert len(vertices) == len(mesh.vertices)
     assert len(edges_where_sides_differ(faces, at)) == result.report["cut"]["edges"]
@@ -136,7 +136,7 @@ def test_quads_stay_quads_and_colours_stay(tmp_path):
     lines += ["f " + " ".join(map(str, quad)) for quad in quads.tolist()]
     (tmp_path / "quads.obj").write_text("\n".join(lines) + "\n")
     assert main([str(tmp_path / "quads.obj"), "--cut", "auto", "-o", str(tmp_path / "uv.obj"), "--quiet"]) == 0
-    vertices, uv, faces, at = corners_of(tmp_path / "uv.obj")
+    vertices, uv, faces, _ = corners_of(tmp_path / "uv.obj")
     assert np.array_equal(np.sort(faces), np.sort(quads - 1))
     assert np.allclose(vertices, mesh.vertices, atol=1e-8)
     assert len(uv) > len(vertices)

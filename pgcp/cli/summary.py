@@ -44,9 +44,8 @@ def check_only(surface: Surface, target: str, fix: bool, distance: float | None,
         say(f"  input: {note['message']}")
     if given.mesh is not mesh:
         say(f"  then it is {given.topology.describe()}")
-    say(
-        f"  targets that fit: {', '.join(fitting_names(given.topology, opens)) or 'none'}{', once it is cut open' if opens else ''}"
-    )
+    fitting = ", ".join(fitting_names(given.topology, opens)) or "none"
+    say(f"  targets that fit: {fitting}{', once it is cut open' if opens else ''}")
     for defect in given.topology.defects:
         say(f"  defect: {defect.message}")
     if seen is None:

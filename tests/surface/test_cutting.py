@@ -94,8 +94,10 @@ def test_the_inside_of_a_bowl_is_seen_less_and_sharp_edges_are_cheap():
     seen = visibility(points, ball.faces)
     assert seen[height > 0.9].mean() < 0.8 * seen[height < -0.9].mean()
     cube = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
-    faces = np.array([(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4),
-                      (1, 5, 7), (1, 7, 3)])  # fmt: skip
+    faces = np.array(
+        [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4),
+         (1, 5, 7), (1, 7, 3)]
+    )  # fmt: skip
     graph, _ = graph_of(Mesh(cube, faces))
     costs = edge_costs(cube, faces, graph.ends, graph.halves) / lengths(Mesh(cube, faces), graph)
     diagonal = lengths(Mesh(cube, faces), graph) > 1.1
