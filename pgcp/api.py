@@ -19,7 +19,7 @@ from pgcp.intake.pieces import Pieces
 from pgcp.io.objects import of_object
 from pgcp.io.read import read_source
 from pgcp.methods.registry import METHODS, check_own, only_own, own_options
-from pgcp.options import AUTO, METHOD, REPAIRS, Options, Running, check_names
+from pgcp.options import AUTO, METHOD, NONE, REPAIRS, Options, Running, check_names
 from pgcp.pipeline import map_surface
 from pgcp.polygons.triangulate import Triangles, triangulated
 from pgcp.report.comparison import Compared
@@ -97,8 +97,8 @@ def _compute_all(source: Any, options: Options, running: Running, progress: Prog
 
     Where the target is ``auto``, it is that of the largest component that can be mapped.
     """
-    if options.centre is not None or options.cuts is not None:
-        raise InputError("a centre and cuts are of one component; they do not go with component all")
+    if options.centre is not None or options.cuts is not None or options.cut not in (NONE, AUTO):
+        raise InputError("a centre, cuts and a cut along given edges are of one component; they do not go with component all")
     progress("read", 0, 0)
     surface = surface_of(source)
     name = surface.cut.mesh.name
@@ -143,7 +143,13 @@ def _put_together(
     quality = quality_of_all(done)
     said = [*surface.cut.notes, *pieces.whole.notes, all_note(len(done), left)]
     report = report_of_all(done, [pieces.name(number) for number in numbers], said, quality)
-    origin = Origin(back.point_of, back.vertex_of, back.corners(surface.cut.corner_of), surface.source, component_of)
+    points, begin = [], 0
+    for one in done:
+        own = np.arange(len(one.coordinates)) if one.origin is None else one.origin.point_of
+        points.append(begin + own)
+        begin += len(one.coordinates)
+    point_of = np.concatenate(points)[back.point_of]
+    origin = Origin(point_of, back.vertex_of, back.corners(surface.cut.corner_of), surface.source, component_of)
     patch, mu = np.concatenate(patches_of_all(done))[order], np.concatenate([one.mu for one in done])[order]
     return Result(
         back.mesh, np.concatenate(maps)[back.point_of], patch, mu, quality, target.name, report, back.vertex_of, back.face_of,
@@ -166,8 +172,9 @@ def compare(
     """
     options = options or Options()
     mesh = as_mesh(source)
-    topology = inspect_mended(mesh, Asked(options.target)).topology if options.fix else check_mesh(mesh, options.target)
-    targets = fitting_names(topology) if options.target == AUTO else [options.target]
+    asked = Asked(options.target, opens=options.opens)
+    topology = inspect_mended(mesh, asked).topology if options.fix else inspect(mesh, asked).accepted()[0]
+    targets = fitting_names(topology, options.opens) if options.target == AUTO else [options.target]
     pairs = [
         (target, method)
         for target in targets
@@ -202,6 +209,8 @@ def parameterize(
     polish: str = "none",
     weld_distance: float | None = 0.0,
     component: str = "largest",
+    cut: str | Path = NONE,
+    max_area_distortion: float | None = None,
     cuts: str | Path | None = None,
     repair_cuts: bool = False,
     method: str = METHOD,
@@ -228,6 +237,10 @@ def parameterize(
 ) -> Result:
     """Map a simply connected surface conformally to the plane, the unit disk or the unit sphere (PGCP Algorithm 3).
 
+    With ``cut="auto"``, or the path of a file of edges, any connected oriented surface is cut open to a disk and mapped to the
+    plane: ``result.faces`` are of vertices split along the cut, ``result.vertex_of`` (V,) says which vertex of the input each
+    is.
+
     source: a path, (vertices, faces), a Mesh, or a mesh of trimesh, pyvista, meshio, nibabel or open3d.
     progress(stage, done, total) is called when a stage begins, with total 0 while its tasks are not counted, and as they
     finish; the logger ``pgcp`` hears of stages too. The other options are those of ``Options`` (what is computed) and
@@ -241,7 +254,7 @@ def parameterize(
     as_given = partial(cast, Any)  # options are made of the type they have where they are checked
     options = Options(
         patches, target, centre, moebius, as_given(cuts), repair_cuts, method, flatten, seams, backend, seed, repairs,
-        no_overlap, fix, polish, weld_distance, component, own,
+        no_overlap, fix, polish, weld_distance, component, as_given(cut), max_area_distortion, own,
     )  # fmt: skip
     running = Running(
         workers, scheduler, as_given(scheduler_file), executor, as_given(store), factor_cache_bytes, memory_limit_bytes, resume,

@@ -19,9 +19,9 @@ Given = ParamSpec("Given")
 Made = TypeVar("Made")
 Kind = TypeVar("Kind", bound=type)
 
-AUTO = "auto"
+AUTO, NONE = "auto", "none"
 METHOD = "pgcp"
-MOEBIUS = (AUTO, "none", "area", "angle")
+MOEBIUS = (AUTO, NONE, "area", "angle")
 UVS, UPS = ("unit", "surface"), ("auto", "x", "y", "z")  # texture coordinates, and what is up on the texture
 POLISHES = (AUTO, "none", "angles")
 REPAIRS = ("relax", "compose", "average", "untangle", "embed")
@@ -30,6 +30,7 @@ BACKENDS = ("nested", "pardiso", "superlu")
 SEAMS = ("weld", "relax", "exact")
 _LEAST_MEMORY = 10**9
 _MOST_WELDED = 0.01
+SCALE_RATIO = 20.0  # of areas, that a cut that is found is to keep below
 
 
 def names_checked(function: Callable[Given, Made]) -> Callable[Given, Made]:
@@ -151,7 +152,9 @@ class Options:
     itself, map to the disk instead; fix: repair the topology of a mesh that the target does not fit;
     polish: none, angles, or auto for where it is quick and the map is not asked for as it is;
     weld_distance: how far apart vertices may be that are split by attributes only and are joined for the map, as a share of
-    the diagonal of all, None to join none; component: which of several is mapped: the largest, a name, a number, or all.
+    the diagonal of all, None to join none; cut: none, auto to open a surface to a disk by a cut, or the path of a file of edges
+    to cut along; max_area_distortion: the scale ratio below which a cut that is found is to bring the map, None for 20;
+    component: which of several is mapped: the largest, a name, a number, or all.
     own: options that only the method has, by name.
     """
 
@@ -172,10 +175,15 @@ class Options:
     polish: str = "none"
     weld_distance: float | None = 0.0
     component: str = "largest"
+    cut: str = NONE
+    max_area_distortion: float | None = None
     own: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
+        if isinstance(self.cut, os.PathLike):
+            object.__setattr__(self, "cut", os.fspath(self.cut))
         _check_types(self)
+        self._check_cut()
         _least("patches", self.patches, 1)
         _least("seed", self.seed, 0)
         if self.centre is not None and self.centre < 0:
@@ -188,6 +196,32 @@ class Options:
         _one_of("treatment of seams", self.seams, SEAMS)
         for name in self.repairs:
             _one_of("repair", name, REPAIRS)
+
+    def _check_cut(self) -> None:
+        """Raise InputError where what is asked of a cut means nothing."""
+        if not self.cut:
+            raise InputError("cut is empty, it must be auto, none or a path")
+        if self.max_area_distortion is not None and not 1.0 < self.max_area_distortion < float("inf"):
+            raise InputError(f"max_area_distortion is {self.max_area_distortion}, it must be a number above 1")
+        if self.max_area_distortion is not None and self.cut != AUTO:
+            raise InputError("max_area_distortion bounds what a cut that is found leads to; it goes with cut auto")
+        if self.opens and self.cuts is not None:
+            raise InputError(
+                f"cut opens the surface, and cuts ({self.cuts}) names the seams between patches by vertices, which the cut "
+                "splits; give one of the two"
+            )
+
+    @property
+    def opens(self) -> bool:
+        """Whether the surface is cut open before it is mapped."""
+        return self.cut != NONE
+
+    @property
+    def scale_bound(self) -> float:
+        """The scale ratio that a map of a cut surface is to have at most; infinite where none is asked for."""
+        if self.cut != AUTO:
+            return float("inf")
+        return SCALE_RATIO if self.max_area_distortion is None else self.max_area_distortion
 
 
 @_options

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,17 +20,19 @@ from pgcp.intake.check import Geometry, Inspection, advised, inspect_mended, loo
 from pgcp.intake.give_back import give_back
 from pgcp.intake.given import LARGEST, Given, Named, named_parts, take
 from pgcp.intake.mend import Mended, unmended
+from pgcp.intake.opened import Opened, Opener
 from pgcp.io.read import read_cuts
 from pgcp.methods.base import Method
 from pgcp.methods.registry import method_of
-from pgcp.options import Options, Running, plain_options
+from pgcp.options import AUTO, Options, Running, plain_options
 from pgcp.parallel import limited_to
 from pgcp.patches.run import Run
 from pgcp.patches.warm_up import warm_up
 from pgcp.plane.space import map_coefficients
 from pgcp.polygons.triangulate import Triangles, triangulated
-from pgcp.report.record import run_report
+from pgcp.report.record import cut_report, run_report
 from pgcp.retry.course import Outcome, map_mesh
+from pgcp.retry.cut_open import Evenness, evenness
 from pgcp.retry.placed import place_outcome
 from pgcp.runtime.address_space import check_address_space
 from pgcp.runtime.cache import Owner, drop_run
@@ -39,10 +42,14 @@ from pgcp.runtime.job import Job
 from pgcp.runtime.resume import resumable, run_key
 from pgcp.runtime.sizing import Plan, make_plan
 from pgcp.runtime.versions import package_versions
+from pgcp.surface.squeeze import at_vertices, measured_scales
 from pgcp.surface.topology import Topology, examine
 from pgcp.targets.base import Target
 from pgcp.targets.fitting import Asked, check_centre_is_inside, check_options
 from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Origin, Parameterization, Quality, Source
+
+_CLOSER = 0.5  # of the scale ratio: what further cuts are to bring it to where the map overlaps itself
+_ROUNDS = 4  # of maps, each of a surface that is cut through more tips than before
 
 
 def map_surface(
@@ -59,14 +66,21 @@ def map_surface(
         # what tasks write to goes when no worker writes any more
         with ExitStack() as at_last, make_executor(running, name, clock.progress, warm_up) as executor:
             taken = _taken_in(source_of, method, options, clock)
-            plan = _planned(taken, running, executor)
-            clock.executor = executor
-            key = run_key(taken.mesh, taken.options, taken.cuts, plan.patches, backend)
-            directory = at_last.enter_context(resumable(running, key))
-            run = _run(taken, plan, Job(Owner(name), directory, options.flatten, backend, plan.factor_cache_bytes), clock)
-            with _tidied(executor, name):
-                outcome, coordinates = place_outcome(run, method, map_mesh(run, method))
-            mu = _coefficients(run, outcome, coordinates)
+
+            def mapped(taken: _Taken, number: int) -> _Mapped:
+                """The map of what was taken in."""
+                plan, owner = _planned(taken, running, executor), f"{name}{number or ''}"
+                clock.executor = executor
+                key = run_key(taken.mesh, taken.options, taken.cuts, plan.patches, backend)
+                directory = at_last.enter_context(resumable(running, key))
+                job = Job(Owner(owner), directory, options.flatten, backend, plan.factor_cache_bytes)
+                run = _run(taken, plan, job, clock)
+                with _tidied(executor, owner):
+                    return _Mapped(taken, run, *place_outcome(run, method, map_mesh(run, method)))
+
+            found = _cut_until_good(mapped, taken, clock)
+            taken, outcome, coordinates = found.taken, found.outcome, found.coordinates
+            mu = _coefficients(found.run, outcome, coordinates)
             description = executor.describe()
         clock.executor = LocalExecutor()
         with clock.stage("measure"):
@@ -81,7 +95,7 @@ def map_surface(
             "tasks": executor.taken,
             "timeline": clock.timeline(executor),
         }
-        return _result(taken, outcome, coordinates, mu, quality, where)
+        return _result(found, mu, quality, where)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,9 +109,66 @@ class _Taken:
     geometry: Geometry
     given: Given
     mended: Mended
-    target: Target
     options: Options
-    cuts: IntArray | None
+    chosen: Target | None = None
+    cuts: IntArray | None = None
+    whole: Mended | None = None
+    opener: Opener | None = None
+    opened: Opened | None = None
+
+    @property
+    def target(self) -> Target:
+        """Where it is mapped."""
+        assert self.chosen is not None
+        return self.chosen
+
+    def cut_open(self, opened: Opened) -> _Taken:
+        """The same, its surface (``whole``) cut open."""
+        assert self.whole is not None
+        geometry = replace(self.geometry, mesh=opened.mesh)
+        mended = opened.after(self.whole)
+        return replace(self, mesh=opened.mesh, topology=opened.topology, geometry=geometry, mended=mended, opened=opened)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Mapped:
+    """What was taken in, the run that mapped it, and the map with its coordinates (V, 2) or (V, 3)."""
+
+    taken: _Taken
+    run: Run
+    outcome: Outcome
+    coordinates: FloatArray
+    rounds: int = 1
+
+
+def _cut_until_good(map_taken: Callable[[_Taken, int], _Mapped], taken: _Taken, clock: Clock) -> _Mapped:
+    """The map of what was taken in; where a cut was looked for and the map is not good, the best one of further cuts."""
+    found = best = map_taken(taken, 0)
+    bound = taken.options.scale_bound
+    if taken.opener is None or taken.opened is None or not np.isfinite(bound):
+        return best
+    least = _evenness(best)
+    for number in range(1, _ROUNDS):
+        assert found.taken.opened is not None
+        if _evenness(found).is_good or not found.outcome.done.target.has_free_boundary:
+            break
+        with clock.stage("cut"):
+            mesh = found.taken.mesh
+            scales = at_vertices(mesh, *measured_scales(mesh, found.coordinates))
+            wanted = bound if _evenness(found).excess > 1.0 else max(_CLOSER * _evenness(found).ratio, 1.0 + _CLOSER)
+            opened = taken.opener.further(found.taken.opened, scales, wanted)
+        if opened is None:
+            break
+        found = replace(map_taken(taken.cut_open(opened), number), rounds=number + 1)
+        if _evenness(found) < least:
+            best, least = found, _evenness(found)
+    return replace(best, rounds=found.rounds)
+
+
+def _evenness(found: _Mapped) -> Evenness:
+    """How good a map is."""
+    done, taken = found.outcome.done, found.taken
+    return evenness(taken.mesh, found.coordinates, found.run.boundary, done.folds, taken.options.scale_bound)
 
 
 def _taken_in(source_of: Callable[[], Mesh | Source], method: Method, options: Options, clock: Clock) -> _Taken:
@@ -107,17 +178,46 @@ def _taken_in(source_of: Callable[[], Mesh | Source], method: Method, options: O
         cut = triangulated(found) if isinstance(found, Source) else Triangles(found)
         mesh, source = cut.mesh, found if isinstance(found, Source) and not found.is_plain else None
     with clock.stage("check"):
-        asked_for = Asked(options.target, method.targets)
+        asked_for = Asked(options.target, method.targets, options.opens)
         given, seen = _inspected(mesh, asked_for, options, None if source is None else named_parts(source, cut.corner_of))
         topology, geometry = seen.accepted()
-        mended, target = seen.mended or unmended(given.mesh), asked_for.chosen(topology)
+        mended = seen.mended or unmended(given.mesh)
+    taken = _Taken(source, cut, geometry.mesh, topology, geometry, given, mended, options)
+    if options.opens:
+        with clock.stage("cut"):
+            taken = _cut_open(taken, mended)
+    with clock.stage("check"):
+        topology, mended, target = taken.topology, taken.mended, asked_for.chosen(taken.topology)
         if options.centre is not None:
             options = replace(options, centre=given.vertex_now(options.centre))
         check_options(options, given.mesh, target)
         options = _renumbered(options, mended)
         check_centre_is_inside(options.centre, topology, target)
         cuts = None if options.cuts is None else given.vertices_now(read_cuts(options.cuts))
-        return _Taken(source, cut, geometry.mesh, topology, geometry, given, mended, target, options, cuts)
+        return replace(taken, chosen=target, options=options, cuts=cuts)
+
+
+def _cut_open(taken: _Taken, whole: Mended) -> _Taken:
+    """What was taken in, ``whole``, cut open as asked for; raises InputError where a file names no such cut."""
+    options, mesh = taken.options, taken.geometry.mesh
+    opener = Opener(mesh, taken.topology, _polygons_of(taken, whole))
+    taken = replace(taken, whole=whole, opener=opener)
+    if options.cut == AUTO:
+        return taken.cut_open(opener.automatic(options.scale_bound))
+    path = Path(options.cut)
+    pairs = taken.given.vertices_now(read_cuts(path))
+    if not np.array_equal(whole.vertex_of, np.arange(len(whole.stands_for))):
+        raise InputError(f"{path}: the cut edges name vertices that --fix renumbers; cut the mesh that it writes")
+    return taken.cut_open(opener.along(pairs, path))
+
+
+def _polygons_of(taken: _Taken, whole: Mended) -> IntArray | None:
+    """Of which polygon each face of the surface is, filler of none; None where there are triangles only."""
+    if taken.source is None or taken.source.offsets is None or taken.cut.corner_of is None:
+        return None
+    face_of = whole.face_of if taken.given.face_of is None else taken.given.face_of[whole.face_of]
+    polygons = np.searchsorted(taken.source.offsets, taken.cut.corner_of[face_of, 0], "right") - 1
+    return np.concatenate([polygons, -1 - np.arange(whole.mesh.filler)])
 
 
 def _inspected(mesh: Mesh, asked: Asked, options: Options, named: Named | None) -> tuple[Given, Inspection]:
@@ -147,10 +247,9 @@ def _run(taken: _Taken, plan: Plan, job: Job, clock: Clock) -> Run:
     return Run(taken.mesh, taken.topology, taken.target, mollification, *asked, job, clock.executor, clock)
 
 
-def _result(
-    taken: _Taken, outcome: Outcome, coordinates: FloatArray, mu: ComplexArray, quality: Quality, where: dict[str, Any]
-) -> Parameterization:
+def _result(found: _Mapped, mu: ComplexArray, quality: Quality, where: dict[str, Any]) -> Parameterization:
     """The map in the surface's own unit, with its report."""
+    taken, outcome, coordinates = found.taken, found.outcome, found.coordinates
     unit, mended, target = taken.geometry.unit, taken.mended, outcome.done.target
     fixes = [fix.as_record() for fix in mended.fixes]
     coordinates = coordinates * unit if target.keeps_scale else coordinates
@@ -159,15 +258,23 @@ def _result(
     report["single_precision_folds"] = in_single
     report["input"], report["components"] = [*taken.cut.notes, *taken.given.notes], []
     patch = outcome.done.mapped.parts.split.labels[: len(mu)]
-    name, is_part = target.space.coordinates_name, taken.options.fix or taken.given.face_of is not None
-    if taken.given.is_whole and taken.source is None:
+    if taken.opened is not None:
+        report |= cut_report(taken.opened.record, mended.mesh, coordinates, taken.options.scale_bound, found.rounds)
+    name = target.space.coordinates_name
+    is_part = taken.options.fix or taken.given.face_of is not None or taken.opened is not None
+    if taken.given.is_whole and taken.source is None and taken.opened is None:
         vertex_of, face_of = (mended.vertex_of, mended.face_of) if is_part else (None, None)
         return Parameterization(
             mended.mesh.bare, coordinates, patch, mu, quality, target.name, report, vertex_of, face_of, name
         )
     back = give_back(taken.cut.mesh, taken.given, mended)
     vertex_of, face_of = (back.vertex_of, back.face_of) if is_part else (None, None)
-    origin = Origin(back.point_of, back.vertex_of, back.corners(taken.cut.corner_of), taken.source)
+    if report["overlap"]:
+        now = np.zeros(len(mended.vertex_of), np.int64)
+        now[back.point_of] = np.arange(len(back.point_of))
+        report["overlap"] = {**report["overlap"], "edges": now[report["overlap"]["edges"]].tolist()}
+    point_of = back.point_of if taken.opened is None else taken.opened.vertex_of[back.point_of]
+    origin = Origin(point_of, back.vertex_of, back.corners(taken.cut.corner_of), taken.source)
     coordinates = coordinates[back.point_of]
     return Parameterization(back.mesh, coordinates, patch, mu, quality, target.name, report, vertex_of, face_of, name, origin)
 

@@ -132,3 +132,29 @@ def lines_up(mesh, result):
         return np.sort(points.view([("x", float), ("y", float), ("z", float)])[..., 0], axis=1)
 
     assert np.array_equal(corners(out.vertices[out.faces]), corners(mesh.vertices[mesh.faces[result.face_of]]))
+
+
+def double_torus(n: int = 12) -> Mesh:
+    """Two tori beside each other, joined by a tube between a triangle of each: genus 2."""
+    one = torus(n)
+    first = one.faces[1:]
+    second = first[:, ::-1] + len(one.vertices)
+    here, there = one.faces[0], one.faces[0] + len(one.vertices)
+    tube = [row for k in range(3) for row in ((here[k], here[k - 2], there[k]), (here[k - 2], there[k - 2], there[k]))]
+    points = np.concatenate([one.vertices, one.vertices * [-1.0, 1.0, 1.0] + [6.5, 0.0, 0.0]])
+    return Mesh(points, np.concatenate([first, second, tube]), "double torus")
+
+
+def holed(n: int = 12) -> Mesh:
+    """The unit square with a hole in its middle: an annulus."""
+    square = grid(n)
+    middles = square.vertices[square.faces].mean(axis=1)
+    kept = (np.abs(middles[:, :2] - 0.5) > 0.17).any(axis=1)
+    return Mesh(square.vertices, square.faces[kept], "annulus")
+
+
+def limbed(levels: int = 4) -> Mesh:
+    """A sphere with a limb, up, and a short one, to the right."""
+    ball = icosphere(levels)
+    radius = 1.0 + 2.5 * np.exp(20.0 * (ball.vertices[:, 2] - 1.0)) + 1.0 * np.exp(20.0 * (ball.vertices[:, 0] - 1.0))
+    return Mesh(ball.vertices * radius[:, None], ball.faces, "limbs")

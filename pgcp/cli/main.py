@@ -21,7 +21,7 @@ from pgcp.cli.summary import check_only, record, summary
 from pgcp.cli.terminal import GOOD, NUMERICAL, Signals, complain, end_with, say
 from pgcp.cli.usage import SHORT_HELP, UsageError
 from pgcp.errors import InputError
-from pgcp.options import AUTO, Options, Running
+from pgcp.options import AUTO, NONE, Options, Running
 from pgcp.parallel import at_once, processor_count
 from pgcp.runtime.address_space import check_address_space
 from pgcp.runtime.compiled import cache_is_temporary, compile_all, compiled_together
@@ -75,7 +75,8 @@ def _checked(arguments: argparse.Namespace, shown: Silent) -> int:
     shown("read", 0, 0)
     surface = surface_of(demo_mesh() if arguments.mesh is None else arguments.mesh)
     shown("check", 0, 0)
-    return check_only(surface, arguments.target, arguments.fix, arguments.weld_distance, arguments.component)
+    opens = arguments.cut != NONE
+    return check_only(surface, arguments.target, arguments.fix, arguments.weld_distance, arguments.component, opens)
 
 
 def _mapped(

@@ -13,7 +13,22 @@ from pgcp.cli.usage import Parser
 from pgcp.errors import InputError
 from pgcp.io.formats import DEFAULT_OUTPUTS, outputs, readable, suffixes_of, writable
 from pgcp.methods.registry import METHODS, own_options
-from pgcp.options import AUTO, BACKENDS, FLATTENERS, METHOD, MOEBIUS, POLISHES, REPAIRS, SEAMS, UPS, UVS, Options, Running
+from pgcp.options import (
+    AUTO,
+    BACKENDS,
+    FLATTENERS,
+    METHOD,
+    MOEBIUS,
+    NONE,
+    POLISHES,
+    REPAIRS,
+    SCALE_RATIO,
+    SEAMS,
+    UPS,
+    UVS,
+    Options,
+    Running,
+)
 from pgcp.parallel import processor_count
 from pgcp.runtime.executors import EXECUTORS, may_have_workers
 from pgcp.targets.registry import TARGETS
@@ -207,8 +222,23 @@ def _mesh_options(group: argparse._ArgumentGroup) -> None:
         help="join vertices for the map that seams split and that lie so close, as a share of the diagonal (default 0: at the "
         "same place); none leaves all apart",
     )  # fmt: skip
-    group.add_argument("--cuts", type=Path, metavar="FILE", help="cut along these edges: one pair of vertex ids a line")
-    group.add_argument("--repair-cuts", action="store_true", help="mend parts that the cuts leave and that are no disks")
+    group.add_argument(
+        "--cut", default=NONE, metavar="WHICH",
+        help="open the surface to a disk before it is mapped to the plane, closed or with handles or several boundaries: auto "
+        "(a short, hidden cut), none (default), or a file of the edges to cut along, one pair of vertex ids a line; the cut "
+        "shows in the map only, as a seam",
+    )  # fmt: skip
+    group.add_argument(
+        "--max-area-distortion", type=float, metavar="R",
+        help=f"with --cut auto: cut through more tips until the map's scale ratio is R at most (default {SCALE_RATIO:g}): the "
+        "factor by which areas are scaled that 99 %% of the surface stays below, over the one that 99 %% stays above",
+    )  # fmt: skip
+    group.add_argument(
+        "--cuts", type=Path, metavar="FILE",
+        help="seams between patches: split the work along these edges, one pair of vertex ids a line; they do not open the "
+        "surface (see --cut)",
+    )  # fmt: skip
+    group.add_argument("--repair-cuts", action="store_true", help="mend patches that --cuts leaves and that are no disks")
 
 
 def _running_options(group: argparse._ArgumentGroup) -> None:
@@ -329,6 +359,8 @@ def options_of(arguments: argparse.Namespace) -> Options:
         centre=arguments.centre,
         moebius=arguments.moebius,
         polish=arguments.polish,
+        cut=arguments.cut,
+        max_area_distortion=arguments.max_area_distortion,
         cuts=arguments.cuts,
         repair_cuts=arguments.repair_cuts,
         method=arguments.method,

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 _LOOPS = 20
 
 
-def check_only(surface: Surface, target: str, fix: bool, distance: float | None, component: str) -> int:
-    """Say what a mesh is and what is wrong with it; returns the exit status."""
+def check_only(surface: Surface, target: str, fix: bool, distance: float | None, component: str, opens: bool = False) -> int:
+    """Say what a mesh is and what is wrong with it, where it is to be cut open (``opens``) or not; returns the exit status."""
     from pgcp.intake.check import advised, inspect_mended, look
     from pgcp.intake.given import ALL, LARGEST, take
     from pgcp.surface.topology import examine
     from pgcp.targets.fitting import Asked, fitting_names
 
-    asked, mesh = Asked(target), surface.cut.mesh
+    asked, mesh = Asked(target, opens=opens), surface.cut.mesh
     seen = None if fix else look(mesh, asked)
     topology = examine(mesh.faces, len(mesh.vertices)) if seen is None else seen.topology
     chosen = None if component == ALL or (fix and component == LARGEST) else component
@@ -44,7 +44,8 @@ def check_only(surface: Surface, target: str, fix: bool, distance: float | None,
         say(f"  input: {note['message']}")
     if given.mesh is not mesh:
         say(f"  then it is {given.topology.describe()}")
-    say(f"  targets that fit: {', '.join(fitting_names(given.topology)) or 'none'}")
+    fitting = ", ".join(fitting_names(given.topology, opens)) or "none"
+    say(f"  targets that fit: {fitting}{', once it is cut open' if opens else ''}")
     for defect in given.topology.defects:
         say(f"  defect: {defect.message}")
     if seen is None:
@@ -109,5 +110,6 @@ def record(result: Parameterization, seconds: float, paths: list[Path]) -> dict[
         "repairs": report["repairs"],
         "overlap": report["overlap"],
         "fallback": report["fallback"],
+        "cut": report.get("cut"),
         "files": [str(path) for path in paths],
     }

@@ -36,6 +36,10 @@ class Asked(Protocol):
         """A closed one, an open one, or (None) either."""
         ...
 
+    def takes(self, topology: Topology) -> bool:
+        """Whether a surface is one that is asked for."""
+        ...
+
     def refusal(self, topology: Topology) -> str:
         """Why a surface that is another does not do, as the end of a sentence."""
         ...
@@ -150,7 +154,7 @@ def _judged(
         return None, NotManifoldError(f"{mesh.name}: {topology.defects[0].message}")
     if topology.is_sphere and topology.face_count == 2:
         return None, DegenerateError(f"{mesh.name}: {_PILLOW}")
-    if not topology.fits(asked.closed):
+    if not asked.takes(topology):
         return None, NotSimplyConnectedError(f"{mesh.name} is {topology.describe()}{asked.refusal(topology)}")
     try:
         return _solid(mesh, measured()), None

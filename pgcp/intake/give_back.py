@@ -57,9 +57,19 @@ def give_back(mesh: Mesh, given: Given, mended: Mended) -> GivenBack:
     count = len(mended.vertex_of)
     stray = _unused(mesh, mended) if given.face_of is None else np.empty(0, np.int64)
     keys, corners = np.unique(np.concatenate([(here * count + bare).reshape(-1), stray]), return_inverse=True)
-    vertex_of, point_of = keys // count, keys % count
-    faces = corners.reshape(-1)[: bare.size].reshape(bare.shape)
+    ordered, places = _copies_last(keys, corners.reshape(-1), count)
+    vertex_of, point_of = ordered // count, ordered % count
+    faces = places[: bare.size].reshape(bare.shape)
     return GivenBack(Mesh(mesh.vertices[vertex_of], faces, mesh.name), point_of, vertex_of, face_of, turned)
+
+
+def _copies_last(keys: IntArray, corners: IntArray, count: int) -> tuple[IntArray, IntArray]:
+    """Sorted keys (n,) with those after all others that are not the first of their vertex, and the places of corners then."""
+    again = np.append(False, keys[1:] // count == keys[:-1] // count)
+    order = np.argsort(again, kind="stable")
+    place = np.empty(len(keys), np.int64)
+    place[order] = np.arange(len(keys))
+    return keys[order], place[corners]
 
 
 def _unchanged(mesh: Mesh) -> GivenBack:

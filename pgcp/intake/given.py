@@ -26,6 +26,10 @@ class _Asked(Protocol):
         """Whether a closed surface is asked for, an open one, or (None) either."""
         ...
 
+    def takes(self, topology: Topology) -> bool:
+        """Whether a surface is one that is asked for."""
+        ...
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Named:
@@ -107,9 +111,9 @@ def take(
         apart = f"{_vertices(count)} at the places of others stay apart: joined, the surface would not be clean"
         return _chosen(split, component, named)._noted("apart", count, apart)
     one = _chosen(whole, component, named)
-    if connected and not one.topology.fits(asked.closed):
+    if connected and not asked.takes(one.topology):
         cut = _chosen(split, component, named)
-        if cut.topology.fits(asked.closed):
+        if asked.takes(cut.topology):
             would = f"joined, it would be {one.topology.describe()}"
             return cut._noted("apart", count, f"{_vertices(count)} at the places of others stay apart: {would}")
     if one.face_of is not None:

@@ -11,7 +11,7 @@ import numpy as np
 from pgcp.intake.give_back import GivenBack, give_back
 from pgcp.intake.given import Given, Named, by_size, components_of, take
 from pgcp.intake.mend import Mended
-from pgcp.surface.topology import examine
+from pgcp.surface.topology import Topology, examine
 from pgcp.types import IntArray, Mesh
 
 
@@ -19,6 +19,10 @@ class _Any:
     """Any surface is asked for."""
 
     closed = None
+
+    def takes(self, topology: Topology) -> bool:
+        """Whether a surface is one that can be mapped."""
+        return topology.fits(None)
 
 
 @dataclass(frozen=True, eq=False)

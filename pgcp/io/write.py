@@ -7,6 +7,7 @@ import io
 import json
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import IO, Any
 
@@ -115,6 +116,23 @@ def _normals_of(result: Parameterization) -> FloatArray:
     return _normals(result.mesh.vertices[first], numbers[point_of[result.mesh.faces]])[numbers[point_of]]
 
 
+def _uncut(result: Parameterization) -> tuple[IntArray, IntArray] | None:
+    """The vertices of a map without the copies that its cut has made: first (n,) of each, and their numbers (V,).
+
+    None where nothing was cut. Vertices stay in order.
+    """
+    if result.origin is None:
+        return None
+    pairs = np.column_stack([result.origin.vertex_of, result.origin.point_of])
+    first, numbers = np.unique(pairs, axis=0, return_index=True, return_inverse=True)[1:]
+    if len(first) == len(pairs):
+        return None
+    order = np.argsort(first)
+    place = np.empty(len(first), np.int64)
+    place[order] = np.arange(len(first))
+    return first[order], place[numbers.reshape(-1)]
+
+
 def _arrays_for(kind: Format, result: Parameterization, layout: Layout | None) -> dict[str, Any]:
     """What a file of a format can hold of a map."""
     key, coordinates = coordinates_of(result)
@@ -134,6 +152,15 @@ def _arrays_for(kind: Format, result: Parameterization, layout: Layout | None) -
     if "normals" in kind.carries:
         own = None if given is None else vertex_normals(given)
         arrays["normals"] = _normals_of(result) if own is None else own
+    if "uv_faces" in kind.carries and (whole := _uncut(result)) is not None and key == "uv":
+        first, numbers = whole
+        points, uv_faces = (coordinates, mesh.faces) if layout is None else (layout.points, layout.faces)
+        if given is not None:
+            arrays["given"] = replace(given, vertex_of=given.vertex_of[first], faces=numbers[mesh.faces])
+        arrays |= {"faces": numbers[mesh.faces], VERTICES: mesh.vertices[first], "uv": points, "uv_faces": uv_faces}
+        if (result.report if layout is None else layout.record).get("single_precision_folds"):
+            arrays["in_doubles"] = np.empty(0)
+        return arrays
     on_texture = layout is not None and not kind.is_exact and "uv" in kind.carries and (key == "uv" or key not in kind.carries)
     said = result.report if layout is None or not on_texture else {**result.report, **layout.record}
     if said.get("single_precision_folds"):

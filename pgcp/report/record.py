@@ -12,8 +12,9 @@ from pgcp.patches.mapped import Mapped
 from pgcp.patches.plan import patch_graph
 from pgcp.plane.space import find_folds
 from pgcp.retry.course import Outcome
+from pgcp.surface.squeeze import LARGEST, extremes, measured_scales, scale_ratio
 from pgcp.targets.registry import TARGETS
-from pgcp.types import Mesh, Parameterization, Quality
+from pgcp.types import FloatArray, Mesh, Parameterization, Quality
 
 
 def fold_message(result: Parameterization) -> str:
@@ -58,6 +59,27 @@ def _patch_rows(mapped: Mapped) -> list[dict[str, Any]]:
     return rows
 
 
+def cut_report(found: Mapping[str, Any], mesh: Mesh, image: FloatArray, bound: float, rounds: int) -> dict[str, Any]:
+    """What the report of a run says of a cut: ``cut``.
+
+    found: what is known of the cut before there is a map; mesh: cut open; image (V, 2): the map in the surface's unit;
+    bound: of the scale ratio, infinite for none; rounds: how often the surface was mapped.
+    """
+    scales, areas = measured_scales(mesh, image)
+    low, high = extremes(scales, areas)
+    known = scales[areas > 0.0]
+    return {
+        "cut": {
+            **found,
+            "scale_ratio": scale_ratio(scales, areas),
+            "length_scales": [float(np.exp(low)), float(np.exp(high))],
+            "largest_scale_ratio": float(np.exp(min(2.0 * float(np.ptp(known)), LARGEST))),
+            "bound": bound if np.isfinite(bound) else None,
+            "rounds": rounds,
+        }
+    }
+
+
 def run_report(
     mesh: Mesh,
     outcome: Outcome,
@@ -93,6 +115,7 @@ def run_report(
         "correction": asdict(done.correction) if done.correction is not None else None,
         "polish": asdict(done.polish) if done.polish is not None else None,
         "repairs": [asdict(repair) for repair in done.repaired.records],
+        "cut": None,
         "overlap": outcome.overlap,
         "fallback": outcome.fallback,
         "fixes": list(fixes),

@@ -75,12 +75,29 @@ def report_of_all(
             {"name": name, "target": one.target, "faces": len(one.mesh.faces), "quality": asdict(one.quality)}
             for one, name in zip(done, names, strict=True)
         ],
+        "cut": cuts_of_all([one.report["cut"] for one in done if one.report.get("cut")]),
         "overlap": next((one.report["overlap"] for one in done if (one.report["overlap"] or {}).get("crossings")), None),
         "fallback": next((one.report["fallback"] for one in done if one.report["fallback"]), None),
         "quality": asdict(quality),
         "status": "good" if quality.folds == 0 else "folded",
     }
     return report
+
+
+def cuts_of_all(cuts: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
+    """What is said of the cuts of several components: sums of numbers, and the worst of what measures the maps; None of none.
+
+    Lengths are sums too, each by the size of its own component.
+    """
+    if not cuts:
+        return None
+    sums = ("edges", "length_by_diagonal", "length_by_root_of_area", "genus", "boundaries", "tips")
+    worst = ("scale_ratio", "largest_scale_ratio", "rounds")
+    out = {**cuts[0], **{name: sum(cut[name] for cut in cuts) for name in sums}}
+    out |= {name: max(cut[name] for cut in cuts) for name in worst}
+    out.pop("foretold_scale_ratio", None)
+    scales = np.array([cut["length_scales"] for cut in cuts])
+    return {**out, "length_scales": [float(scales[:, 0].min()), float(scales[:, 1].max())]}
 
 
 def all_note(count: int, left: Sequence[str]) -> dict[str, Any]:

@@ -21,6 +21,8 @@ def notes(report: dict[str, Any]) -> list[str]:
     if report["overlap"] and report["overlap"]["crossings"]:
         crossings = counted(report["overlap"]["crossings"], "time", "times")
         lines.append(f"the boundary crosses itself {crossings}: the map overlaps itself (--no-overlap maps to the disk)")
+    if report.get("cut"):
+        lines += _of_cut(report["cut"], report["overlap"])
     texture = report.get("texture") or {}
     if texture.get("folds", 0) > 0:
         folds = counted(texture["folds"], "fold", "folds")
@@ -31,6 +33,27 @@ def notes(report: dict[str, Any]) -> list[str]:
     if in_single > 0:
         folds = counted(in_single, "fold", "folds")
         lines.append(f"rounded to 32-bit floats the map has {folds}: PLY and OBJ files hold all digits, GLB files do not")
+    return lines
+
+
+def _of_cut(cut: dict[str, Any], overlap: dict[str, Any] | None) -> list[str]:
+    """What a user should know of a cut, and of the map's scales."""
+    what = f"genus {cut['genus']}, {counted(cut['boundaries'], 'boundary', 'boundaries')}"
+    if not cut["edges"]:
+        lines = [f"no cut was needed ({what})"]
+    else:
+        tips = f", through {counted(cut['tips'], 'tip', 'tips')}" if cut["tips"] else ""
+        edges = counted(cut["edges"], "edge", "edges")
+        lines = [f"cut open along {edges}, {cut['length_by_diagonal']:.2f} times the diagonal{tips} ({what})"]
+    bound, ratio = cut["bound"], cut["scale_ratio"]
+    kept = "" if bound is None else f", {'within' if ratio <= bound else 'above'} the bound {bound:g}"
+    tried = f" after {cut['rounds']} maps" if cut["rounds"] > 1 else ""
+    lines.append(
+        f"scale ratio {ratio:.3g}{kept}{tried}: areas are scaled by factors that differ by no more, lengths by "
+        f"{ratio**0.5:.2g}, on 98 % of the surface"
+    )
+    if overlap is not None and not overlap["crossings"]:
+        lines.append("the map does not overlap itself")
     return lines
 
 

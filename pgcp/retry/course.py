@@ -19,6 +19,7 @@ from pgcp.patches.types import SeamPositions
 from pgcp.plane.curves import crossings
 from pgcp.plane.space import find_folds
 from pgcp.plane.unfold import unfolded
+from pgcp.retry.cut_open import evenest
 from pgcp.retry.decide import Tried, next_attempt
 from pgcp.retry.finished import (
     EMBED,
@@ -254,7 +255,7 @@ def _mapped(run: Run, method: Method) -> Outcome:
             raise nothing.problem from None
         return embedded(run, method, nothing.tried, str(nothing.problem))
     if target_of(run.target).has_free_boundary:
-        outcome = _free_or_other(run, method, _freest(run, method, done), tried)
+        outcome = _free_or_other(run, method, evenest(run, method, _freest(run, method, done)), tried)
     else:
         outcome = Outcome(done, tried)
     if run.options.seams == "exact" and outcome.fallback is None and outcome.done.mapped.seams_by != "exact":
@@ -268,7 +269,7 @@ def _freest(run: Run, method: Method, done: Finished) -> Finished:
 
     A developable surface is unfolded: that is its conformal map, exact to rounding. Where the free map has large errors, as
     with a boundary of few vertices that the whole surface is squeezed into, the map to the target it gives way to may have
-    smaller ones; it then is the free map.
+    smaller ones; it then is the free map. Not so of a surface that was cut open for even scales, which a disk has not.
     """
     if method.to_target is None:
         return done
@@ -280,7 +281,7 @@ def _freest(run: Run, method: Method, done: Finished) -> Finished:
             return replace(done, repaired=replace(done.repaired, points=flat, touched=everything, folds=folds))
     other = target_of(run.target).gives_way_to
     error = mean_error(run, done) if done.error is None else done.error
-    if other is None or done.folds or error < _GOOD_DEG:
+    if other is None or done.folds or error < _GOOD_DEG or run.options.opens:
         return done
     try:
         mapped = method.to_target(replace(run, target=TARGETS.get(other)), done.mapped)

@@ -19,24 +19,39 @@ _NO_BOUNDARY_TO_HOLD = (
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """The target asked for by name, or ``auto``: the one of least rank, of those ``among`` which the method has, that fits."""
+    """The target asked for by name, or ``auto``: the one of least rank, of those ``among`` which the method has, that fits.
+
+    opens: whether the surface is cut open before it is mapped, so that any connected oriented surface does.
+    Raises InputError where there is no such target, or none for open surfaces though it is cut open.
+    """
 
     name: str = AUTO
     among: tuple[str, ...] | None = None
+    opens: bool = False
 
     def __post_init__(self) -> None:
         if self.name != AUTO:
             TARGETS.get(self.name)
+        if self.opens and not self._able():
+            name = self.name if self.name != AUTO else " and ".join(self.among or ())
+            raise InputError(
+                f"--cut opens the surface, and {name} takes closed ones; --cut goes with {' and '.join(_names(False))}"
+            )
 
     def _able(self) -> list[Target]:
         """Targets that may be meant, those of least rank first."""
         named = TARGETS.all() if self.among is None else [TARGETS.get(name) for name in self.among]
-        return sorted((t for t in named if self.name in (AUTO, t.name)), key=lambda target: target.rank)
+        meant = (t for t in named if self.name in (AUTO, t.name) and not (self.opens and t.space.closed))
+        return sorted(meant, key=lambda target: target.rank)
+
+    def takes(self, topology: Topology) -> bool:
+        """Whether a surface can be mapped."""
+        return topology.genus is not None if self.opens else topology.fits(self.closed)
 
     @property
     def closed(self) -> bool | None:
         """Whether closed surfaces are asked for, or open ones, or (None) either."""
-        kinds = {target.space.closed for target in self._able()}
+        kinds = {None} if self.opens else {target.space.closed for target in self._able()}
         return kinds.pop() if len(kinds) == 1 else None
 
     def chosen(self, topology: Topology) -> Target:
@@ -52,9 +67,10 @@ class Asked:
                 return f", and the method maps to the {' and the '.join(self.among)} only; use a method with the target {use}"
             return f", which the target {self.name} does not fit; use target {use}"
         need = "need" if len(flat) > 1 else "needs"
+        opens = "" if topology.genus is None else " (--cut auto opens it to a disk)"
         return (
             f"; no target fits it: {_listed(flat)} {need} one open disk with one boundary loop, "
-            f"{_listed(round_ones)} one closed surface of genus 0"
+            f"{_listed(round_ones)} one closed surface of genus 0{opens}"
         )
 
 
@@ -67,8 +83,10 @@ def _listed(names: list[str]) -> str:
     return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
 
 
-def fitting_names(topology: Topology) -> list[str]:
-    """Names of the targets that fit a surface."""
+def fitting_names(topology: Topology, opens: bool = False) -> list[str]:
+    """Names of the targets that fit a surface, or that fit it once it is cut open."""
+    if opens:
+        return _names(False) if topology.genus is not None else []
     return [name for closed in (False, True) if topology.fits(closed) for name in _names(closed)]
 
 

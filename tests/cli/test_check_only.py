@@ -105,7 +105,7 @@ def test_what_fix_would_do_and_does(tmp_path, capsys):
     out = capsys.readouterr().out
     assert "  --fix would fill 1 hole (4 edges) with 2 faces\n" in out
     assert "; no target fits it: free and disk need one open disk with one boundary loop, sphere one closed surface" in out
-    assert out.endswith(" of genus 0; --fix would fill 1 hole (4 edges) with 2 faces\n")
+    assert out.endswith(" of genus 0 (--cut auto opens it to a disk); --fix would fill 1 hole (4 edges) with 2 faces\n")
     assert main([str(tmp_path / "holed.ply"), "--check-only", "--fix"]) == 0
     assert "  fixed: filled 1 hole (4 edges) with 2 faces\n  then it is an open surface" in capsys.readouterr().out
     pgcp.write_mesh(tmp_path / "torus.ply", torus())

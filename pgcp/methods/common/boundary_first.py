@@ -9,6 +9,9 @@ S the Dirichlet-to-Neumann operator, K and k the surface's integrated curvatures
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cached_property
+
 import numpy as np
 from scipy.linalg import LinAlgError
 
@@ -47,7 +50,10 @@ class BoundaryFlattening:
 
     def __init__(self, schur: AnySchur, kappa: FloatArray, lengths: FloatArray) -> None:
         self.schur, self.kappa, self.lengths = schur, kappa, lengths
-        self._solve = pinned_solver(schur)
+
+    @cached_property
+    def _solve(self) -> Callable[[FloatArray], FloatArray]:
+        return pinned_solver(self.schur)
 
     def turning(self, factors: FloatArray) -> FloatArray:
         """Turning angles (n_B,) of the boundary whose scale factors u (n_B,) are given; their sum is 2 pi."""
