@@ -16,9 +16,10 @@ from pgcp.elimination.dirichlet import choose_backend
 from pgcp.elimination.sparse_boundary import stays_sparse
 from pgcp.errors import InputError, PgcpError
 from pgcp.finish.quality import measure_quality, single_precision_folds
-from pgcp.intake.check import Geometry, Inspection, advised, inspect_mended, look
+from pgcp.intake.check import Geometry
+from pgcp.intake.chosen import inspected
 from pgcp.intake.give_back import give_back
-from pgcp.intake.given import LARGEST, Given, Named, named_parts, take
+from pgcp.intake.given import Given, named_parts
 from pgcp.intake.mend import Mended, unmended
 from pgcp.intake.opened import Opened, Opener
 from pgcp.io.read import read_cuts
@@ -43,7 +44,7 @@ from pgcp.runtime.resume import resumable, run_key
 from pgcp.runtime.sizing import Plan, make_plan
 from pgcp.runtime.versions import package_versions
 from pgcp.surface.squeeze import at_vertices, measured_scales
-from pgcp.surface.topology import Topology, examine
+from pgcp.surface.topology import Topology
 from pgcp.targets.base import Target
 from pgcp.targets.fitting import Asked, check_centre_is_inside, check_options
 from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Origin, Parameterization, Quality, Source
@@ -179,7 +180,7 @@ def _taken_in(source_of: Callable[[], Mesh | Source], method: Method, options: O
         mesh, source = cut.mesh, found if isinstance(found, Source) and not found.is_plain else None
     with clock.stage("check"):
         asked_for = Asked(options.target, method.targets, options.opens)
-        given, seen = _inspected(mesh, asked_for, options, None if source is None else named_parts(source, cut.corner_of))
+        given, seen = inspected(mesh, asked_for, options, None if source is None else named_parts(source, cut.corner_of))
         topology, geometry = seen.accepted()
         mended = seen.mended or unmended(given.mesh)
     taken = _Taken(source, cut, geometry.mesh, topology, geometry, given, mended, options)
@@ -218,23 +219,6 @@ def _polygons_of(taken: _Taken, whole: Mended) -> IntArray | None:
     face_of = whole.face_of if taken.given.face_of is None else taken.given.face_of[whole.face_of]
     polygons = np.searchsorted(taken.source.offsets, taken.cut.corner_of[face_of, 0], "right") - 1
     return np.concatenate([polygons, -1 - np.arange(whole.mesh.filler)])
-
-
-def _inspected(mesh: Mesh, asked: Asked, options: Options, named: Named | None) -> tuple[Given, Inspection]:
-    """What of a mesh is mapped, and what that is; where it is to be fixed, mending chooses the component."""
-    if options.fix:
-        component = None if options.component == LARGEST else options.component
-        topology = examine(mesh.faces, len(mesh.vertices))
-        given = take(mesh, topology, asked, options.weld_distance, component, named)
-        return given, inspect_mended(given.mesh, asked, given.topology)
-    seen = look(mesh, asked)
-    given = take(mesh, seen.topology, asked, options.weld_distance, options.component, named)
-    if given.mesh is not mesh:
-        seen = look(given.mesh, asked, given.topology)
-    seen = advised(given.mesh, asked, seen)
-    if given.face_of is not None and seen.problem is not None:  # say of which component it is
-        seen = replace(seen, problem=type(seen.problem)(f"{seen.problem}; {given.others}"))
-    return given, seen
 
 
 def _run(taken: _Taken, plan: Plan, job: Job, clock: Clock) -> Run:

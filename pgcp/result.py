@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import json
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
@@ -29,9 +27,10 @@ if TYPE_CHECKING:
     import pyvista
     import trimesh
 
+    from pgcp.report.notebook import Plot
+
 _FORM = 1  # of saved results
 _ARRAYS = ("coordinates", "patch", "mu", "vertex_of", "face_of")
-_SMALL = 720  # pixels of the small picture's width
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -200,8 +199,19 @@ class Result(Parameterization):
         ratios = {"angle_error": self.angle_error, "area_ratio": self.area_ratio}
         return {"patch": self.patch, "mu_abs": np.abs(self.mu), **ratios}
 
-    def plot(self) -> Any:
-        """The picture that the command writes, as a ``PIL.Image.Image``; notebooks show it."""
+    def plot(self, faces: int | None = None, height: int | None = None) -> Plot:
+        """The report page for a notebook, which shows it in a frame; nothing is opened where there is none.
+
+        faces: how many are drawn at most, 200,000 if nothing is said; height: of the frame in pixels, 640.
+        Raises InputError where they are out of bounds.
+        """
+        from pgcp.report.notebook import Plot
+
+        asked = {"faces": faces, "height": height}
+        return Plot(self, **{name: value for name, value in asked.items() if value is not None})
+
+    def picture(self) -> Any:
+        """The picture that the command writes, as a ``PIL.Image.Image``."""
         from pgcp.report.picture import drawn_sheet
 
         return drawn_sheet(self)
@@ -265,12 +275,9 @@ class Result(Parameterization):
         )
 
     def _repr_html_(self) -> str:
-        """The three lines and a small picture, for notebooks."""
+        """The three lines and the report page in a frame, with at most 20,000 faces drawn, for notebooks."""
         from html import escape
 
-        picture = self.plot()
-        picture.thumbnail((_SMALL, _SMALL))
-        out = io.BytesIO()
-        picture.save(out, "png")
-        data = base64.b64encode(out.getvalue()).decode()
-        return f'<pre>{escape(repr(self))}</pre><img alt="map of {escape(self.mesh.name)}" src="data:image/png;base64,{data}">'
+        from pgcp.report.notebook import framed
+
+        return f"<pre>{escape(repr(self))}</pre>{framed(self)}"

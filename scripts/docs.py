@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import json
 import re
 import sys
 from collections.abc import Callable, Iterator
@@ -365,6 +366,16 @@ def box(name: str, x: float, y: float, width: float, colour: str, title: str) ->
     )
 
 
+# The notebook -----------------------------------------------------------------------------------------------------------------
+
+
+def notebook_cells() -> str:
+    """The cells of the notebook; their language is called py, as they run in one kernel, not each by itself."""
+    cells = json.loads((ROOT / "docs" / "notebook.ipynb").read_text())["cells"]
+    texts = [("".join(cell["source"]), cell["cell_type"] == "code") for cell in cells]
+    return "\n\n".join(f"```py\n{text}\n```" if is_code else re.sub(r"^# .*\n+", "", text) for text, is_code in texts)
+
+
 # Pages ------------------------------------------------------------------------------------------------------------------------
 
 PARTS: dict[str, Callable[[], str]] = {
@@ -375,6 +386,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "formats": formats_table,
     "rooms": rooms_table,
     "apps": apps_table,
+    "notebook": notebook_cells,
 }
 APP = "app-"
 

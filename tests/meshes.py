@@ -158,3 +158,45 @@ def limbed(levels: int = 4) -> Mesh:
     ball = icosphere(levels)
     radius = 1.0 + 2.5 * np.exp(20.0 * (ball.vertices[:, 2] - 1.0)) + 1.0 * np.exp(20.0 * (ball.vertices[:, 0] - 1.0))
     return Mesh(ball.vertices * radius[:, None], ball.faces, "limbs")
+
+
+_LUMPS = np.array([[0.9, 0.2, 0.3], [-0.3, 0.8, 0.5], [-0.5, -0.7, 0.5], [0.2, -0.3, -0.93]])
+
+
+def lumpy(points: np.ndarray) -> np.ndarray:
+    """Unit vectors (n, 3) to points of one closed surface without symmetry: an ellipsoid with three lumps and a dent."""
+    aims = _LUMPS / np.linalg.norm(_LUMPS, axis=1)[:, None]
+    bumps = np.exp((points @ aims.T - 1.0) * [6, 8, 5, 10])
+    return points * (1.0 + bumps @ [0.5, 0.35, -0.25, 0.7])[:, None] * [1.0, 1.2, 0.8]
+
+
+def even_sphere(count: int) -> Mesh:
+    """The unit sphere with so many vertices along a spiral, the convex hull of them."""
+    k = np.arange(count) + 0.5
+    z, turn = 1.0 - 2.0 * k / count, np.pi * (1.0 + np.sqrt(5.0)) * k
+    points = np.column_stack([np.sqrt(1.0 - z * z) * np.cos(turn), np.sqrt(1.0 - z * z) * np.sin(turn), z])
+    from scipy.spatial import ConvexHull
+
+    faces = ConvexHull(points).simplices.copy()
+    a, b, c = points[faces].swapaxes(0, 1)
+    inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), a + b + c) < 0
+    faces[inwards] = faces[inwards][:, ::-1]
+    return Mesh(points, faces, "even sphere")
+
+
+def hilly_disk(count: int, first: float = 0.0) -> Mesh:
+    """One open surface without symmetry, with about so many vertices: hills on a round plate; first: angle of its boundary."""
+    from scipy.spatial import Delaunay
+
+    rim = first + 2 * np.pi * np.arange(int(3.9 * np.sqrt(count))) / int(3.9 * np.sqrt(count))
+    k = np.arange(count) + 0.5
+    z = np.sqrt(k / count) * (1.0 - 1.2 / np.sqrt(count)) * np.exp(1j * np.pi * (1.0 + np.sqrt(5.0)) * k)
+    z = np.concatenate([z, np.exp(1j * rim)])
+    faces = Delaunay(np.column_stack([z.real, z.imag])).simplices
+    a, b, c = z[faces].T
+    areas = ((b - a).conj() * (c - a)).imag
+    faces = np.where((areas < 0)[:, None], faces[:, ::-1], faces)[np.abs(areas) > 1e-12]
+    z *= 1.0 + 0.2 * np.cos(2 * np.angle(z) - 0.4) + 0.1 * np.cos(3 * np.angle(z)) * np.abs(z)
+    places = np.array([0.3 + 0.2j, -0.4 + 0.3j, -0.1 - 0.45j])
+    height = np.exp(-(np.abs(z[:, None] - places) ** 2) * [12, 9, 10]) @ [0.5, 0.35, -0.25]
+    return Mesh(np.column_stack([1.1 * z.real, z.imag, height]), faces, "hilly disk")

@@ -18,7 +18,7 @@ from pathlib import Path
 import nibabel
 import numpy as np
 import pytest
-from meshes import grid, lifted, spheroid
+from meshes import even_sphere, grid, lifted, lumpy, spheroid
 from PIL import Image
 from test_architecture import ROOMS
 
@@ -89,6 +89,10 @@ def meshes(tmp_path_factory):
     pgcp.write_mesh(folder / "ball.ply", spheroid(3, 1.5)[0])
     ball = pgcp.read_mesh(folder / "ball.ply")
     nibabel.freesurfer.write_geometry(folder / "lh.pial", ball.vertices, ball.faces)
+    pgcp.write_mesh(folder / "bust2.ply", lifted(grid(26), 0.4))
+    pgcp.write_mesh(folder / "ball2.ply", pgcp.Mesh(lumpy(even_sphere(500).vertices), even_sphere(500).faces))
+    np.savetxt(folder / "pattern.txt", np.sin(9.0 * bust.vertices[:, 0]))
+    (folder / "landmarks.txt").write_text("0 0  # corners and the middle\n30 26\n930 702\n960 728\n480 364\n")
     column = np.arange(31) + 31 * 15
     (folder / "cuts.txt").write_text("\n".join(f"{a} {b}" for a, b in pairwise(column.tolist())))
     return folder

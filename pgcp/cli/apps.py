@@ -119,6 +119,9 @@ def _written(app: App, made: Made, arguments: argparse.Namespace, place: Path, s
         contents += [(place.parent, made.files[ending](f"{place.name}{ending}")) for ending in usual]
         record = json.dumps({"command": app.name, **made.record}, indent=1, allow_nan=False)
         contents.append((place.parent, {f"{app.name}.json": record.encode()}))
+    for path in (folder / name for folder, files in contents for name in files):
+        if path.exists() and any(given.exists() and path.samefile(given) for given in arguments.meshes):
+            raise InputError(f"{path}: this would take the place of what was given; choose another --output")
     sets: dict[Path, FileSet] = {}
     try:
         with ExitStack() as stack:

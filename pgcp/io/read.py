@@ -178,7 +178,15 @@ def _kind_of(path: Path, data: bytes | None) -> Format | None:
 
 
 def read_cuts(path: str | Path) -> IntArray:
-    """Read cut edges (N, 2): one pair of vertex ids a line, from 0, blank or comma between; ``#`` starts a comment."""
+    """Read cut edges (N, 2) as ``read_pairs`` does."""
+    return read_pairs(path, "cut edges")
+
+
+def read_pairs(path: str | Path, what: str) -> IntArray:
+    """Read pairs of vertex ids (N, 2), ``what`` they are: one a line, from 0, blank or comma between; ``#`` starts a comment.
+
+    Raises BadFileError where a line is no such pair, or there is none.
+    """
     path = Path(path)
     data = _contents(path)
     try:
@@ -197,5 +205,5 @@ def read_cuts(path: str | Path) -> IntArray:
             raise BadFileError(f"{path}: line {number} has a vertex id that no mesh has: {shown(line.strip())}")
         rows.append((int(words[0]), int(words[1])))
     if not rows:
-        raise BadFileError(f"{path}: the file holds no cut edges")
+        raise BadFileError(f"{path}: the file holds no {what}")
     return np.array(rows, np.int64)

@@ -30,8 +30,11 @@ _TINY, _SMALL = 1e-300, 1e-60
 _WIDTH, _BASE, _HEIGHT, _LEFT = 520.0, 220.0, 265.0, 14.0
 
 
-def page(result: Parameterization, command: tuple[str, ...] = (), most: int = MOST_FACES) -> bytes:
-    """The page in UTF-8. command: the words that made the map; most: faces that are drawn, of more those of clusters."""
+def page(result: Parameterization, command: tuple[str, ...] = (), most: int = MOST_FACES, is_framed: bool = False) -> bytes:
+    """The page in UTF-8. command: the words that made the map; most: faces that are drawn, of more those of clusters.
+
+    is_framed: whether it stands in a frame of another page, with less room around it.
+    """
     result = _of_moderate_size(result)
     scene = scene_of(result, most)
     closed = TARGETS.get(result.target).space.closed
@@ -41,6 +44,7 @@ def page(result: Parameterization, command: tuple[str, ...] = (), most: int = MO
     values = {
         **_said(result),
         "modes": _MODES,
+        "is_framed": is_framed,
         "map_caption": "the map on the unit sphere" if closed else "the map",
         "heat": _gradient(HEAT),
         "cold_warm": _gradient(COLD_WARM),

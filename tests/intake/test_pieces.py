@@ -126,7 +126,7 @@ def test_all_spheres_share_one_square(tmp_path):
     assert apart(boxes(layout.points, layout.faces, result.origin.component_of))
     assert layout.points.min() >= 0.0
     assert layout.points.max() <= 1.0
-    assert result.plot() is not None
+    assert result.picture() is not None
 
 
 def test_a_file_of_one_component_is_all_of_it(tmp_path):

@@ -1,0 +1,234 @@
+"""The shape of one surface turned into that of another, on one mesh: ``pgcp morph A B``."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from pgcp.apps.base import App, Call, Group, Made, folds_said, map_record
+from pgcp.apps.common.matching import MOEBIUS, Correspondence, alignment_line, diagonal, matched, vertex_areas
+from pgcp.apps.common.pairs import add_pair, landmarks_now, landmarks_of, pair_of
+from pgcp.apps.common.picture import Panel, as_png, checkers_of, pixels_of, side_by_side, turned_box
+from pgcp.apps.common.values import colours_of, own_values, ply_of
+from pgcp.errors import InputError
+from pgcp.io.given import COLOURS, has_colours
+from pgcp.io.write import mesh_files
+from pgcp.plane.align import rigid_motion
+from pgcp.report.picture import view_rotation
+from pgcp.report.raster import Paint
+from pgcp.result import Result
+from pgcp.types import FloatArray, Mesh
+
+_STEPS, _MOST = 10, 999
+_ACROSS = 5  # shapes in the picture
+_DRAWN, _PIXELS = 24, 840  # least number of steps of the animation, and pixels of a frame that is made smaller by half
+_HELD, _SHOWN = 700, 60  # milliseconds of the shapes at both ends, and of those between
+_GIF_COLOURS = 128
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Morph:
+    """Shapes from one surface to another.
+
+    match: which points correspond; end (V_a, 3): where the vertices of a lie on b; rotation (3, 3): that of the rigid motion
+    that takes a nearest to there; middles: mean places (3,) of a and of its image, which it takes to each other;
+    shares (n + 1,): how far each shape is, from 0 to 1; in_place: whether shapes stay where a is, b being moved there.
+    """
+
+    match: Correspondence
+    end: FloatArray
+    rotation: FloatArray
+    middles: tuple[FloatArray, FloatArray]
+    shares: FloatArray
+    in_place: bool
+
+    def at(self, share: float) -> FloatArray:
+        """Vertices (V_a, 3) of the shape at a share of the way: those of a at 0, and on b at 1, or on b moved to a.
+
+        Once the rigid motion is undone, every vertex goes straight. Of the motion, the same share is done.
+        """
+        start = self.match.a.mesh.vertices
+        if share == 0.0:
+            return start.copy()
+        aligned = (self.end - self.middles[1]) @ self.rotation + self.middles[0]
+        if share == 1.0:
+            return aligned if self.in_place else self.end.copy()
+        shape = start + share * (aligned - start)
+        if self.in_place:
+            return shape
+        turn = Rotation.from_rotvec(share * Rotation.from_matrix(self.rotation).as_rotvec())
+        return np.asarray(turn.apply(shape - self.middles[0])) + (1.0 - share) * self.middles[0] + share * self.middles[1]
+
+    @property
+    def shapes(self) -> FloatArray:
+        """Vertices (n + 1, V_a, 3) of all shapes."""
+        return np.stack([self.at(share) for share in self.shares.tolist()])
+
+    def detail_lost(self) -> dict[str, float]:
+        """How far the vertices of b are from the last shape, "mean", "p95" and "max", as shares of the diagonal of b.
+
+        Each is compared with the place that corresponds to it.
+        """
+        b = self.match.b
+        away = np.linalg.norm(self.match.to_b(self.end) - b.mesh.vertices, axis=1)[np.unique(b.faces)] / diagonal(b)
+        return {"mean": float(away.mean()), "p95": float(np.quantile(away, 0.95)), "max": float(away.max())}
+
+
+def morph(
+    a: Result, b: Result, *, steps: int = _STEPS, in_place: bool = False, landmarks: Any = None, fit: str = MOEBIUS
+) -> Morph:
+    """Shapes on the mesh of a from its own to that of b, in so many steps; both are mapped to the sphere, or to the disk.
+
+    The points that correspond are those of ``matching.matched``, which landmarks (n, 2) and fit are of. The rigid motion that
+    brings b nearest to a (Kabsch 1976, vertices weighted by area) is done evenly on the way, or, ``in_place``, not at all.
+
+    Raises InputError where the maps go to different domains, or steps are fewer than 1.
+    """
+    if not 1 <= steps <= _MOST:
+        raise InputError(f"there are {steps} steps; there must be from 1 to {_MOST}")
+    match = matched(a, b, landmarks=landmarks, fit=fit)
+    weights = vertex_areas(a.mesh.vertices, a.faces)
+    rotation, _ = rigid_motion(a.mesh.vertices, match.on_b.points, weights)
+    middles = weights @ a.mesh.vertices, weights @ match.on_b.points
+    return Morph(match, match.on_b.points, rotation, middles, np.linspace(0.0, 1.0, steps + 1), in_place)
+
+
+# Files and figures ------------------------------------------------------------------------------------------------------------
+
+
+def _colours(done: Morph) -> dict[str, np.ndarray]:
+    """Colours of the vertices of a: its own, or none."""
+    own = own_values(done.match.a)
+    return {name: own[name] for name in COLOURS} if has_colours(own) else {}
+
+
+def _meshes(name: str, done: Morph, contents: Callable[[str, Mesh], dict[str, bytes]]) -> dict[str, bytes]:
+    """A file for every shape: ``_00`` before the ending, ``_01`` and so on."""
+    stem, _, ending = name.rpartition(".")
+    digits = max(len(str(len(done.shares) - 1)), 2)
+    out: dict[str, bytes] = {}
+    for k, share in enumerate(done.shares.tolist()):
+        out |= contents(f"{stem}_{k:0{digits}d}.{ending}", Mesh(done.at(share), done.match.a.faces))
+    return out
+
+
+def _npz(name: str, done: Morph) -> dict[str, bytes]:
+    stream = io.BytesIO()
+    np.savez_compressed(stream, vertices=done.shapes, faces=done.match.a.faces, shares=done.shares)
+    return {name: stream.getvalue()}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Drawing:
+    """How shapes are drawn: where a is, from one side, in the colours of a or with a checkerboard of its map."""
+
+    done: Morph
+    rotation: FloatArray
+    box: FloatArray
+    colours: FloatArray | Paint
+
+    @classmethod
+    def of(cls, done: Morph) -> _Drawing:
+        """That of a morph: everything is in sight all the time."""
+        still, a = replace(done, in_place=True), done.match.a
+        rotation, used = view_rotation(a.mesh.vertices, a.faces), np.unique(a.faces)
+        box = turned_box([still.at(share)[used] for share in (0.0, 1.0)], rotation)
+        own = colours_of(_colours(done))
+        return cls(still, rotation, box, checkers_of(a, rotation) if own is None else own)
+
+    def panel(self, share: float, caption: str = "") -> Panel:
+        """A shape."""
+        return Panel(self.done.at(share), self.done.match.a.faces, self.rotation, self.colours, caption, None, self.box)
+
+
+def _picture(name: str, done: Morph) -> dict[str, bytes]:
+    """Some of the shapes in a row, all seen from one side and in one unit."""
+    shares, drawing = np.linspace(0.0, 1.0, _ACROSS).tolist(), _Drawing.of(done)
+    ends = done.match.a.mesh.name, f"the shape of {done.match.b.mesh.name}"
+    captions = [ends[0], *(f"{share:.0%} of the way" for share in shares[1:-1]), ends[1]]
+    panels = [drawing.panel(share, caption) for share, caption in zip(shares, captions, strict=True)]
+    return {name: as_png(side_by_side(panels, 560))}
+
+
+def _animation(name: str, done: Morph) -> dict[str, bytes]:
+    """The way there and back, over and over."""
+    count, drawing = max(len(done.shares) - 1, _DRAWN), _Drawing.of(done)
+    frames = []
+    for k in range(count + 1):
+        image = Image.fromarray(pixels_of(drawing.panel(k / count), _PIXELS)).reduce(2)
+        frames.append(image.quantize(_GIF_COLOURS, dither=Image.Dither.NONE))
+    times = [_HELD, *[_SHOWN] * (count - 1), _HELD, *[_SHOWN] * (count - 1)]
+    stream, further = io.BytesIO(), [*frames[1:], *frames[-2:0:-1]]
+    frames[0].save(stream, "gif", save_all=True, append_images=further, duration=times, loop=0, optimize=False)
+    return {name: stream.getvalue()}
+
+
+def _run(call: Call) -> Made:
+    if not 1 <= call["steps"] <= _MOST:
+        raise InputError(f"--steps is {call['steps']}; it must be from 1 to {_MOST}")
+    pair = pair_of(call["a"], call["b"], call.options)
+    landmarks = landmarks_of(call["landmarks"], pair, call["fit"])
+    a, b = pair.mapped(call)
+    call.shown("align", 0, 0)
+    done = morph(
+        a, b, steps=call["steps"], in_place=call["in_place"], landmarks=landmarks_now(landmarks, (a, b)), fit=call["fit"]
+    )
+    lost, colours = done.detail_lost(), _colours(done)
+    call.shown("align", 1, 1)
+    record = {
+        "a": map_record(a),
+        "b": map_record(b),
+        "alignment": done.match.record,
+        "steps": call["steps"],
+        "rotation": done.rotation.tolist(),
+        "detail_lost": lost,
+    }
+    files = {
+        ".ply": lambda name: _meshes(name, done, lambda each, mesh: {each: ply_of(mesh, colours)}),
+        ".obj": lambda name: _meshes(name, done, mesh_files),
+        ".npz": lambda name: _npz(name, done),
+        ".gif": lambda name: _animation(name, done),
+        ".png": lambda name: _picture(name, done),
+    }
+    said = f"mean {lost['mean']:.2%}, 95 % below {lost['p95']:.2%}, at most {lost['max']:.2%} of the diagonal"
+    lines = (
+        f"{a.mesh.name}, {len(a.mesh.vertices)} vertices, to the shape of {b.mesh.name} in {call['steps']} steps",
+        alignment_line(done.match.record),
+        f"vertices of {b.mesh.name} from the last shape: {said}",
+    )
+    return Made(files, record, lines, folds_said(a) or folds_said(b))
+
+
+def _ask(group: Group) -> None:
+    add_pair(group)
+    group.add_argument(
+        "--steps", type=int, default=_STEPS, metavar="N", help=f"from the first shape to the last; default {_STEPS}"
+    )
+    group.add_argument(
+        "--in-place",
+        action="store_true",
+        help="shapes stay where the first mesh is; the last is the second mesh's, moved there",
+    )
+
+
+APP = App(
+    name="morph",
+    summary="the shape of one surface turned into that of another, step by step, on the first one's mesh",
+    writes={
+        ".ply": "a mesh for every shape: `_00` before the ending, `_01` and so on, with the first mesh's colours",
+        ".obj": "the same as OBJ files",
+        ".npz": "all shapes in one file: `vertices` (n + 1, V, 3), `faces`, `shares`",
+        ".gif": "the way there and back, animated",
+        ".png": "five of the shapes in a row",
+    },
+    arguments=_ask,
+    run=_run,
+    usual=(".ply", ".gif", ".png"),
+    reference="Baden, Crane, Kazhdan, Moebius Registration, Computer Graphics Forum 37(5), 2018",
+)
