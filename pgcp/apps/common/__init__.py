@@ -1,4 +1,4 @@
-"""What several applications share: two surfaces brought into correspondence, meshes and values that are given, pictures.
+"""What several applications share: values at vertices, pictures of them, two surfaces brought into correspondence.
 
-Imports the library: api, result and the rooms below. Door: ``matching.matched``.
+Imports the library: api, result and the rooms below. Doors: ``at_vertices``, ``fields``, ``matching.matched``.
 """
