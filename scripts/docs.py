@@ -19,6 +19,7 @@ from functools import cache
 from html import escape
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import networkx as nx
 
@@ -155,6 +156,33 @@ def app_options(name: str) -> str:
     asked = next(group for group in parser._action_groups if group.title == ASKED)
     files = table(("file", "what it is"), [(f"`{ending}`", what) for ending, what in app.writes.items()])
     return f"{group_table(asked, parser._get_formatter())}\n### Files\n\n{files}"
+
+
+# The gallery ------------------------------------------------------------------------------------------------------------------
+
+GALLERY = ROOT / "docs" / "gallery"
+EXAMPLES = ("brain", "terrain", "scan", "methods", "cluster", "speedup", "resume")  # in the order of the page
+
+
+def gallery() -> str:
+    """Every example: what it shows, its picture, what it took, and its program."""
+    figures = json.loads((GALLERY / "figures.json").read_text())
+    return "\n".join(example(GALLERY / f"{name}.py", figures[name]) for name in EXAMPLES)
+
+
+def example(path: Path, figures: dict[str, Any]) -> str:
+    """One example of the gallery."""
+    title, _, usage, *about = (ast.get_docstring(parsed(path)) or "").split("\n", 3)
+    program = path.read_text().split('"""', 2)[2].strip()
+    surface = f" of {' and '.join(figures['surface'])}" if figures["surface"] else ""
+    took = (
+        f"{figures['seconds']} s and {figures['peak_mb']} MB{surface}, on {figures['processors']} processors, {figures['date']}"
+    )
+    said = "\n".join(figures["said"])
+    return (
+        f"## {title.rstrip('.')}\n\n{about[0].strip()}\n\n![{title.rstrip('.')}](images/gallery/{path.stem}.png)\n\n"
+        f"`{usage.strip()}` took {took}, and said:\n\n```text\n{said}\n```\n\n```py\n{program}\n```\n"
+    )
 
 
 # Rooms ------------------------------------------------------------------------------------------------------------------------
@@ -387,6 +415,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "rooms": rooms_table,
     "apps": apps_table,
     "notebook": notebook_cells,
+    "gallery": gallery,
 }
 APP = "app-"
 

@@ -100,11 +100,12 @@ def watched(pid: int, looks_at_memory: bool = True) -> Iterator[Watch]:
         thread.join()
 
 
-def run_measured(command: Sequence[str | Path], looks_at_memory: bool = True) -> Measured:
-    """Run a command to its end and measure it with all processes it starts."""
+def run_measured(command: Sequence[str | Path], looks_at_memory: bool = True, folder: str | Path | None = None) -> Measured:
+    """Run a command to its end, in a folder if one is named, and measure it with all processes it starts."""
     with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
         start = time.perf_counter()
-        process = subprocess.Popen([str(word) for word in command], stdout=output, stderr=errors, stdin=subprocess.DEVNULL)
+        words = [str(word) for word in command]
+        process = subprocess.Popen(words, stdout=output, stderr=errors, stdin=subprocess.DEVNULL, cwd=folder)
         with watched(process.pid, looks_at_memory) as watch:
             _, status, usage = os.wait4(process.pid, 0)
             wall_s = time.perf_counter() - start
