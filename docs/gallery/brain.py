@@ -24,4 +24,4 @@ else:
 result = pgcp.parameterize(source, target="sphere", moebius="area")
 print(result)
 print(f"half of all faces change their area by less than {np.exp(np.median(np.abs(np.log(result.area_ratio)))):.2f} times")
-result.plot().save("brain.png")
+result.picture().save("brain.png")

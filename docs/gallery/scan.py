@@ -23,4 +23,4 @@ if __name__ == "__main__":  # worker processes import this file
     for stage in result.report["stages"]:
         if stage["seconds"] > 0.02 * seconds:
             print(f"  {stage['name']:9} {stage['seconds']:6.1f} s")
-    result.plot().save("scan.png")
+    result.picture().save("scan.png")
