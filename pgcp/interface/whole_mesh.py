@@ -36,7 +36,7 @@ from pgcp.surface.topology import used_vertices
 from pgcp.types import ComplexArray, IntArray, Mesh, Positions
 
 _ROUGH_DEG = 1.0  # mean angle error from which on a closed mesh is opened at other faces as well
-_MOST_FACES, _WORK = 5, 50_000  # how many, and vertices of all those maps together
+_MOST_FACES, _WORK = 5, 20_000  # how many, and vertices of all those maps together
 _LEAST_GAIN = 1e-3  # of the error: less may be rounding, and the map is to be the same for any cuts
 
 
