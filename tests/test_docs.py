@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from meshes import grid, lifted, spheroid
+from meshes import grid, lifted, spheroid, torus
 from PIL import Image
 from test_architecture import ROOMS
 
@@ -84,6 +84,9 @@ def meshes(tmp_path_factory):
     pgcp.write_mesh(folder / "bust.ply", bust)
     pgcp.write_mesh(folder / "holed.ply", pgcp.Mesh(bust.vertices, np.delete(bust.faces, [850, 851], axis=0)))
     pgcp.write_mesh(folder / "ball.ply", spheroid(3, 1.5)[0])
+    pgcp.write_mesh(folder / "statue.obj", torus(12))
+    loops = [(12 * k, 12 * (k + 1) % 144) for k in range(12)] + [(k, (k + 1) % 12) for k in range(12)]
+    (folder / "seams.txt").write_text("\n".join(f"{a} {b}" for a, b in loops))
     column = np.arange(31) + 31 * 15
     (folder / "cuts.txt").write_text("\n".join(f"{a} {b}" for a, b in pairwise(column.tolist())))
     return folder

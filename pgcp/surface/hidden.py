@@ -81,7 +81,7 @@ def visibility(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def edge_costs(vertices: FloatArray, faces: IntArray, ends: IntArray, halves: IntArray) -> FloatArray:
-    """What a cut along each edge (E,) costs: its length, times 0.1 plus the square of how widely it is seen, less along sharp edges.
+    """What a cut along each edge (E,) costs: its length, times 0.1 plus the square of how widely it is seen, less where sharp.
 
     An edge whose faces stand at right angles costs 0.3 of one in a flat place. ends (E, 2), halves (E, 2) of ``EdgeGraph``.
     """
