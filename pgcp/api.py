@@ -237,9 +237,8 @@ def parameterize(
 ) -> Result:
     """Map a simply connected surface conformally to the plane, the unit disk or the unit sphere (PGCP Algorithm 3).
 
-    With ``cut="auto"``, or the path of a file of edges, any connected oriented surface is cut open to a disk and mapped to the
-    plane: ``result.faces`` are of vertices split along the cut, ``result.vertex_of`` (V,) says which vertex of the input each
-    is.
+    With a ``cut``, any connected oriented surface is opened to a disk and mapped to the plane; ``result.vertex_of`` (V,) says
+    which vertex of the input each vertex, split along the cut, is.
 
     source: a path, (vertices, faces), a Mesh, or a mesh of trimesh, pyvista, meshio, nibabel or open3d.
     progress(stage, done, total) is called when a stage begins, with total 0 while its tasks are not counted, and as they
@@ -249,6 +248,7 @@ def parameterize(
     Raises InputError (and its kinds) for input that cannot be mapped, NumericalError where a step fails; FoldError, whose
     ``result`` holds the map, where that has folded faces; StoppedError where workers, scheduler or store are lost.
     """
+    # long: a keyword for every option
     if own:
         check_names(own, [f.name for kind in (Options, Running) for f in fields(kind) if f.name != "own"] + [*own_options()])
     as_given = partial(cast, Any)  # options are made of the type they have where they are checked

@@ -50,7 +50,8 @@ from pgcp.targets.fitting import Asked, check_centre_is_inside, check_options
 from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh, Origin, Parameterization, Quality, Source
 
 _CLOSER = 0.5  # of the scale ratio: what further cuts are to bring it to where the map overlaps itself
-_ROUNDS = 4  # of maps, each of a surface that is cut through more tips than before
+_ROUNDS = 4  # of maps, each of a surface that is cut otherwise
+_OTHER_COSTS = 2  # of these, how many are cut by other costs of edges; the last goes through more tips
 
 
 def map_surface(
@@ -150,20 +151,24 @@ def _cut_until_good(map_taken: Callable[[_Taken, int], _Mapped], taken: _Taken, 
         return best
     least = _evenness(best)
     for number in range(1, _ROUNDS):
-        assert found.taken.opened is not None
         if _evenness(found).is_good or not found.outcome.done.target.has_free_boundary:
             break
         with clock.stage("cut"):
-            mesh = found.taken.mesh
-            scales = at_vertices(mesh, *measured_scales(mesh, found.coordinates))
-            wanted = bound if _evenness(found).excess > 1.0 else max(_CLOSER * _evenness(found).ratio, 1.0 + _CLOSER)
-            opened = taken.opener.further(found.taken.opened, scales, wanted)
+            opened = taken.opener.automatic(bound, number) if number <= _OTHER_COSTS else _further(best, taken.opener, bound)
         if opened is None:
             break
         found = replace(map_taken(taken.cut_open(opened), number), rounds=number + 1)
         if _evenness(found) < least:
             best, least = found, _evenness(found)
     return replace(best, rounds=found.rounds)
+
+
+def _further(best: _Mapped, opener: Opener, bound: float) -> Opened | None:
+    """A cut through more tips than that of a map, where the map squeezes most; None where there is nothing to cut."""
+    mesh, opened, reached = best.taken.mesh, best.taken.opened, _evenness(best)
+    assert opened is not None
+    wanted = bound if reached.excess > 1.0 else max(_CLOSER * reached.ratio, 1.0 + _CLOSER)
+    return opener.further(opened, at_vertices(mesh, *measured_scales(mesh, best.coordinates)), wanted)
 
 
 def _evenness(found: _Mapped) -> Evenness:

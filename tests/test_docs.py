@@ -18,7 +18,7 @@ from pathlib import Path
 import nibabel
 import numpy as np
 import pytest
-from meshes import even_sphere, grid, lifted, lumpy, spheroid
+from meshes import even_sphere, grid, lifted, lumpy, spheroid, torus
 from PIL import Image
 from test_architecture import ROOMS
 
@@ -93,6 +93,9 @@ def meshes(tmp_path_factory):
     pgcp.write_mesh(folder / "ball2.ply", pgcp.Mesh(lumpy(even_sphere(500).vertices), even_sphere(500).faces))
     np.savetxt(folder / "pattern.txt", np.sin(9.0 * bust.vertices[:, 0]))
     (folder / "landmarks.txt").write_text("0 0  # corners and the middle\n30 26\n930 702\n960 728\n480 364\n")
+    pgcp.write_mesh(folder / "statue.obj", torus(12))
+    loops = [(12 * k, 12 * (k + 1) % 144) for k in range(12)] + [(k, (k + 1) % 12) for k in range(12)]
+    (folder / "seams.txt").write_text("\n".join(f"{a} {b}" for a, b in loops))
     column = np.arange(31) + 31 * 15
     (folder / "cuts.txt").write_text("\n".join(f"{a} {b}" for a, b in pairwise(column.tolist())))
     return folder

@@ -12,7 +12,7 @@ from pgcp.errors import InputError, NotSimplyConnectedError
 from pgcp.intake.manifold import split_fans
 from pgcp.intake.mend import Mended
 from pgcp.surface.cutting import EdgeGraph, open_surface, opened_twins, spread_vertices, with_tips
-from pgcp.surface.hidden import edge_costs
+from pgcp.surface.hidden import edge_costs, visibility
 from pgcp.surface.operators import face_areas
 from pgcp.surface.squeeze import Foretold, scale_ratio, tips_of
 from pgcp.surface.topology import Topology, examine
@@ -62,6 +62,7 @@ class Opener:
         self._costs: FloatArray = np.empty(0)
         self._base: BoolArray = np.empty(0, bool)
         self._spread: IntArray = np.empty(0, np.int64)
+        self._seen: FloatArray = np.empty(0)
         self._foretold: Foretold | None = None
 
     def along(self, pairs: IntArray, path: Path) -> Opened:
@@ -84,9 +85,12 @@ class Opener:
             )
         return opened
 
-    def automatic(self, bound: float) -> Opened:
-        """The surface cut by a short, hidden cut, with tips for which a scale ratio below the bound is foretold."""
-        self._look()
+    def automatic(self, bound: float, kind: int = 0) -> Opened:
+        """The surface cut by a short, hidden cut, with tips for which a scale ratio below the bound is foretold.
+
+        kind: of the costs (``edge_costs``), which lead to other cuts.
+        """
+        self._look(kind)
         return self._with(self._first_tips(), bound)
 
     def further(self, opened: Opened, log_scale: FloatArray, bound: float) -> Opened | None:
@@ -94,23 +98,27 @@ class Opener:
 
         None where there is nothing left to cut.
         """
-        areas = self._foretold.areas if self._foretold is not None else np.empty(0)
+        assert self._foretold is not None
+        areas = self._foretold.areas
         total = np.bincount(opened.vertex_of, minlength=len(areas))
         here = np.bincount(opened.vertex_of, log_scale, len(areas)) / np.maximum(total, 1)
-        on_cut = self._on(self._cut(opened.tips))
+        on_cut = self._on(self._graph.is_boundary)
+        on_cut[opened.edges.reshape(-1)] = True
         more = tips_of(self._graph.ends, here, areas, on_cut, bound)
         if not len(more):
             return None
         return self._with(np.concatenate([opened.tips, more]), bound)
 
-    def _look(self) -> None:
+    def _look(self, kind: int) -> None:
         """Costs of all edges, and the cut that every other begins with: through handles and boundaries."""
         mesh, graph = self.mesh, self._graph
-        self._costs = edge_costs(mesh.vertices, mesh.faces, graph.ends, graph.halves)
+        if self._foretold is None:
+            self._foretold = Foretold(mesh.vertices, mesh.faces)
+            self._seen = visibility(mesh.vertices, mesh.faces)
+        self._costs = edge_costs(mesh.vertices, mesh.faces, graph.ends, graph.halves, self._seen, kind)
         if self._polygon_of is not None:
             one, two = self._polygon_of[graph.halves // 3].T
             self._costs[(one == two) & ~graph.is_boundary] *= _INSIDE_POLYGONS
-        self._foretold = Foretold(mesh.vertices, mesh.faces)
         self._spread = spread_vertices(graph, self._costs, self._foretold.areas > 0.0, _ROOTS)
         loops = np.array([loop[0] for loop in self.topology.loops], np.int64)
         self._base = open_surface(graph, self._costs, np.concatenate([loops[:1], self._spread]), loops)

@@ -142,7 +142,7 @@ def test_where_nothing_can_be_mapped_the_first_reason_is_given(tmp_path):
 
 
 def test_a_centre_goes_with_one_component(scene):
-    with pytest.raises(InputError, match="a centre and cuts are of one component"):
+    with pytest.raises(InputError, match="a centre, cuts and a cut along given edges are of one component"):
         pgcp.parameterize(scene, component="all", centre=3)
 
 

@@ -99,9 +99,12 @@ def test_the_inside_of_a_bowl_is_seen_less_and_sharp_edges_are_cheap():
          (1, 5, 7), (1, 7, 3)]
     )  # fmt: skip
     graph, _ = graph_of(Mesh(cube, faces))
-    costs = edge_costs(cube, faces, graph.ends, graph.halves) / lengths(Mesh(cube, faces), graph)
     diagonal = lengths(Mesh(cube, faces), graph) > 1.1
-    assert costs[~diagonal].max() < 0.5 * costs[diagonal].min()
+    for kind in range(3):
+        costs = edge_costs(cube, faces, graph.ends, graph.halves, np.ones(8), kind) / lengths(Mesh(cube, faces), graph)
+        assert costs[~diagonal].max() < 0.5 * costs[diagonal].min()
+    half_seen = edge_costs(cube, faces, graph.ends, graph.halves, np.full(8, 0.5), 1) / lengths(Mesh(cube, faces), graph)
+    assert np.allclose(half_seen[diagonal], 0.35)
 
 
 def test_scales_of_a_cap_are_foretold():

@@ -7,7 +7,7 @@ lengths geometrically, as both are by boundary first flattening (Sawhney, Crane 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from itertools import islice
 
@@ -27,6 +27,8 @@ from pgcp.types import ComplexArray, FloatArray
 LONGEST = 6000  # boundary vertices: the operator is dense
 _SHARES = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 
+_HALVINGS = 5
+
 
 def turning_angles(z: ComplexArray) -> FloatArray:
     """Turning angle (n,) at each vertex of a closed polygon z (n,), from -pi to pi."""
@@ -42,13 +44,41 @@ def boundaries_between(
     ratio (n,): logarithms of lengths of the other's edges over those on the surface; turning (n,): its turning angles.
     """
     ratio = ratio - np.average(ratio, weights=flat.lengths)
-    for share in _SHARES:
+    crossed: float | None = None  # the share before, whose boundary crosses itself
+
+    def simple(share: float) -> ComplexArray | None:
+        """The boundary of a share, None where it crosses itself or does not close."""
         try:
             found = flat.polygon(flat.lengths * np.exp(share * ratio), (1.0 - share) * flat.kappa + share * turning)
         except SolveFailedError:
+            return None
+        return found if np.isfinite(found).all() and not crosses_itself(found) else None
+
+    for share in _SHARES:
+        found = simple(share)
+        if found is None:
+            crossed = share
             continue
-        if np.isfinite(found).all() and not crosses_itself(found):
-            yield share, found
+        if crossed is not None:
+            yield from _halved(simple, crossed, share)
+        crossed = None
+        yield share, found
+
+
+def _halved(
+    simple: Callable[[float], ComplexArray | None], nearer: float, share: float
+) -> Iterator[tuple[float, ComplexArray]]:
+    """The simple boundary of least share that halving finds between one that crosses itself and one that is simple."""
+    best = None
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (nearer + share)
+        found = simple(middle)
+        if found is None:
+            nearer = middle
+        else:
+            share, best = middle, (middle, found)
+    if best is not None:
+        yield best
 
 
 def _from_map(flat: BoundaryFlattening, z: ComplexArray) -> Iterator[tuple[float, ComplexArray]]:
