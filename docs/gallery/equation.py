@@ -2,8 +2,8 @@
 
     python equation.py [MESH]
 
-Phases separate on a closed surface (Allen-Cahn). The map turns the surface's Laplacian into that of the sphere over the ratio of
-areas, so spherical harmonics solve it (PGCP section 5.7.3). Finite elements on the surface itself agree.
+Phases separate on a closed surface (Allen-Cahn). The map turns the surface's Laplacian into that of the sphere over the ratio
+of areas, so spherical harmonics solve it (PGCP section 5.7.3). Finite elements on the surface itself agree.
 """
 
 import sys
