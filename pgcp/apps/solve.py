@@ -30,6 +30,7 @@ _LEAST_DEGREE, _MOST_DEGREE = 15, 127  # of harmonics where none is asked for
 _MOST_ASKED, _MOST_STEPS = 2000, 1_000_000
 _FINEST, _EDGES = 0.01, 2.0  # share of the area on shorter edges than the harmonics must resolve; edges in epsilon
 _LEAST_EPSILON = 0.05
+_FAR = 0.1  # relative difference of solutions that is worth a word
 _PICTURE = 360  # pixels of an animation's pictures
 
 
@@ -169,7 +170,10 @@ def _edge_of(asked: Equation, edge: str | None, closed: bool) -> str:
 
 def _edges(faces: IntArray) -> tuple[IntArray, IntArray]:
     """Edges (E, 2), and how many faces each has."""
-    return np.unique(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0, return_counts=True)
+    ends = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1).astype(np.int64)
+    count = int(ends.max()) + 1
+    keys, times = np.unique(ends[:, 0] * count + ends[:, 1], return_counts=True)
+    return np.column_stack([keys // count, keys % count]), times
 
 
 def _rim(faces: IntArray, count: int) -> BoolArray:
@@ -363,6 +367,7 @@ def _ask(group: Group) -> None:
 def _run(call: Call) -> Made:
     asked = equation_of(call["equation"])
     _steps(asked, call["time"], call["step"])
+    _constants(asked, call["epsilon"], call["alpha"], call["beta"], 1.0)
     given = None if call["source"] is None else read_values(call["source"])
     moebius = {"moebius": "area"} if call.options.moebius == AUTO else {}
     result = call.mapped(call["mesh"], **moebius)
@@ -393,8 +398,11 @@ def _lines(solution: Solution) -> tuple[str, ...]:
         lines.append(said["solved_by"])
     if said["constants"].get("epsilon", np.inf) < 0.99 * _EDGES * said["mean_edge"]:
         lines.append(f"edges are longer than half of epsilon (mean {said['mean_edge']:.3g}): patterns are not well resolved")
-    lines.append(f"energy {said['energy_first']:.6g} at first, {said['energy_last']:.6g} at the end")
+    first = "" if asked.is_steady else f"{said['energy_first']:.6g} at first, "
+    lines.append(f"energy {first}{said['energy_last']:.6g} at the end")
     lines.append(f"relative difference in L2 from finite elements on the surface: {solution.difference:.3g}")
+    if solution.difference > _FAR and said.get("degree", 0) < said.get("degree_needed", 0):
+        lines.append("the harmonics do not resolve this map: trust w_surface, the solution on the surface, rather than w")
     return tuple(lines)
 
 

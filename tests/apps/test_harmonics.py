@@ -77,6 +77,16 @@ def test_the_error_falls_with_the_degree_and_is_that_of_the_reconstruction():
     assert expansion.errors[-1, 1] < 0.1 * expansion.sizes[1]
 
 
+def test_a_map_that_is_not_corrected_for_area_needs_higher_degrees():
+    result = pgcp.compute(spheroid(3, 1.4)[0], pgcp.Options(moebius="area"))
+    shift = np.array([0.0, 0.6, 0.0])
+    moved = result.coordinates + shift
+    moved = (1 - shift @ shift) * moved / (moved**2).sum(axis=1)[:, None] + shift
+    assert np.linalg.norm(moved, axis=1) == pytest.approx(1.0)
+    corrected, other = (expand(on_sphere(result.mesh, points), 8).errors[8, 0] for points in (result.coordinates, moved))
+    assert other > 5.0 * corrected
+
+
 def test_power_does_not_change_where_the_surface_is_turned():
     mesh, _ = spheroid(3, 1.4)
     mesh.vertices[:, 0] *= 1.0 + 0.2 * mesh.vertices[:, 2]
