@@ -17,7 +17,7 @@ from pgcp.errors import BadFileError, InputError
 from pgcp.io.coordinates import coordinates_of, image_of
 from pgcp.io.files import FileSet, replacing, replacing_together
 from pgcp.io.formats import DEFAULT_OUTPUTS, VERTICES, Arrays, Format, of_name, outputs, suffixes_of, writable
-from pgcp.io.given import given_parts, vertex_normals
+from pgcp.io.given import GivenParts, given_parts, vertex_normals
 from pgcp.types import FloatArray, IntArray, Layout, Mesh, Parameterization
 
 DRAWN = (".png", ".html")  # what others draw of a map: the picture and the page
@@ -54,19 +54,29 @@ def write_mesh(path: str | Path, mesh: Mesh, uv: FloatArray | None = None, *, sp
 
 
 def mesh_files(
-    name: str, mesh: Mesh, uv: FloatArray | None = None, *, sphere: FloatArray | None = None, png: bytes | None = None
+    name: str,
+    mesh: Mesh,
+    uv: FloatArray | None = None,
+    *,
+    sphere: FloatArray | None = None,
+    png: bytes | None = None,
+    given: GivenParts | None = None,
 ) -> dict[str, bytes]:
-    """The contents of the file that ``write_mesh`` writes, and of those that go beside it, by name; png: the texture's picture.
+    """The contents of the file that ``write_mesh`` writes, and of those that go beside it, by name.
+
+    png: the texture's picture; given: polygons and values by vertex, for formats that have a place for them.
 
     Raises what ``write_mesh`` raises.
     """
     kind, arrays = _of_mesh(Path(name), mesh, uv, sphere)
+    if given is not None:
+        arrays["given"] = given
     stream = io.BytesIO()
     beside = _write(stream, kind, arrays, Path(name).stem, png)
     return {name: stream.getvalue(), **beside}
 
 
-def _of_mesh(path: Path, mesh: Mesh, uv: FloatArray | None, sphere: FloatArray | None) -> tuple[Format, dict[str, np.ndarray]]:
+def _of_mesh(path: Path, mesh: Mesh, uv: FloatArray | None, sphere: FloatArray | None) -> tuple[Format, dict[str, Any]]:
     """The format of a file's name, and the arrays of a mesh for it."""
     kinds = [kind for kind in writable() if VERTICES in kind.carries]
     kind = of_name(path.name, kinds)
@@ -75,7 +85,7 @@ def _of_mesh(path: Path, mesh: Mesh, uv: FloatArray | None, sphere: FloatArray |
         ending = (other.suffixes[0] if other else path.suffix) or "a file without ending"
         raise BadFileError(f"{path}: cannot write {ending}; known are {suffixes_of(kinds)}")
     kind.check_packages("writing")
-    arrays: dict[str, np.ndarray] = {VERTICES: mesh.vertices, "faces": mesh.faces}
+    arrays: dict[str, Any] = {VERTICES: mesh.vertices, "faces": mesh.faces}
     for name, values, columns in (("uv", uv, 2), ("sphere", sphere, 3)):
         if values is None:
             continue

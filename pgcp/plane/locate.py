@@ -86,15 +86,17 @@ def _planar_weights(p: FloatArray, corners: FloatArray) -> tuple[float, float, f
 
 @numba.njit(cache=True, nogil=True)
 def _triple(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
-    x, y, z = b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]
-    return a[0] * x + a[1] * y + a[2] * z
+    """Determinant of three points, from differences: that of a small face is less than what its corners are rounded to."""
+    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    return a[0] * (uy * vz - uz * vy) + a[1] * (uz * vx - ux * vz) + a[2] * (ux * vy - uy * vx)
 
 
 @numba.njit(cache=True, nogil=True)
 def _spherical_weights(p: FloatArray, corners: FloatArray) -> tuple[float, float, float]:
     """Weights of the point of a flat face (3, 3) below p, -1 where it does not look outwards or p is on the other side."""
     a, b, c = corners[0], corners[1], corners[2]
-    u, v, w = _triple(p, b, c), _triple(a, p, c), _triple(a, b, p)
+    u, v, w = _triple(p, b, c), _triple(p, c, a), _triple(p, a, b)
     total = u + v + w
     if not total > 0.0 or not _triple(a, b, c) > 0.0:
         return -1.0, -1.0, -1.0
