@@ -161,7 +161,10 @@ def app_options(name: str) -> str:
 # The gallery ------------------------------------------------------------------------------------------------------------------
 
 GALLERY = ROOT / "docs" / "gallery"
-EXAMPLES = ("brain", "terrain", "scan", "methods", "cluster", "speedup", "resume")  # in the order of the page
+EXAMPLES = (  # in the order of the page
+    "brain", "statue", "terrain", "picture", "remesh", "cell", "equation", "transfer", "morph", "methods", "scan", "cluster",
+    "speedup", "resume",
+)  # fmt: skip
 
 
 def gallery() -> str:

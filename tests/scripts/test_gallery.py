@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from meshes import grid, lifted, spheroid
+from meshes import even_sphere, grid, lifted, lumpy, spheroid
 from PIL import Image
 
 import pgcp
@@ -24,6 +24,13 @@ GIVEN = {  # what makes each example small, and what it must say
     "methods": (["open.ply"], r"disk +pgcp .*\d\n?"),
     "cluster": (["open.ply"], r"12 patches\n.*folds 0"),
     "speedup": (["open.ply"], r"patches  1 worker  2 workers  speedup\n +2 .*\n +4 .*\n +8 .*\n +16 "),
+    "statue": (["closed.ply"], r"target free.*\n.*folds 0\ncut along \d+ edges through \d+ tips; scale ratio 1?\d\.\d"),
+    "picture": (["open.ply"], r"texels"),
+    "remesh": (["open.ply"], r"angle"),
+    "cell": (["closed.ply"], r"harmonics up to degree 16.*\n(.*\n)+degree  16: rms distance 0\.000"),
+    "equation": (["closed.ply"], r"relative difference in L2 from finite elements on the surface: \d\.\d+e-"),
+    "transfer": (["closed.ply", "other.ply"], r"positions there and back: mean 0\.\d+%"),
+    "morph": (["closed.ply", "other.ply"], r"to the shape of other.ply in \d+ steps"),
     "resume": (["open.ply"], r"killed when \d+ of 12 patches were solved\nthe maps are equal to the last bit"),
 }
 
@@ -33,6 +40,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("gallery")
     pgcp.write_mesh(folder / "open.ply", lifted(grid(30)))
     pgcp.write_mesh(folder / "closed.ply", spheroid(3, 1.5)[0])
+    pgcp.write_mesh(folder / "other.ply", pgcp.Mesh(lumpy(even_sphere(500).vertices), even_sphere(500).faces))
     return folder
 
 
