@@ -11,12 +11,14 @@ from types import ModuleType
 
 import numpy as np
 from scipy.sparse import csr_array, csr_matrix
+from threadpoolctl import threadpool_limits
 
 from pgcp.errors import InputError, SolveFailedError
 from pgcp.types import FloatArray
 
 TOLERANCE = 1e-11
 MOST_ITERATIONS = 500
+_STRONG = 0.08  # of |a_ij| / sqrt(a_ii a_jj), from which on two unknowns are put together: thin triangles have weaker edges
 
 
 def _pyamg() -> ModuleType:
@@ -31,6 +33,7 @@ def _pyamg() -> ModuleType:
 class MultigridSolver:
     """What solves a symmetric positive definite system (n, n) for columns, each to a residual of 1e-11 of its load.
 
+    A solve starts from the solution before it where there are as many columns: loads of an iteration change less and less.
     The hierarchy is made with random vectors from a fixed seed; the state of NumPy's generator is left as it was. Raises
     InputError where pyamg is not installed.
     """
@@ -42,18 +45,26 @@ class MultigridSolver:
         state = np.random.get_state()
         np.random.seed(0)
         try:
-            self._preconditioner = pyamg.smoothed_aggregation_solver(plain).aspreconditioner(cycle="V")
+            levels = pyamg.smoothed_aggregation_solver(plain, strength=("symmetric", {"theta": _STRONG}))
         finally:
             np.random.set_state(state)
+        self._preconditioner = levels.aspreconditioner(cycle="V")
         self._matrix = plain
+        self._last: FloatArray | None = None
 
     def solve(self, load: FloatArray) -> FloatArray:
         """The solution (n, k) for loads (n, k); raises SolveFailedError where conjugate gradients do not get there."""
         from scipy.sparse.linalg import cg
 
+        loads = np.asarray(load, np.float64).reshape(len(load), -1).T
+        if self._last is None or self._last.shape != loads.shape:
+            self._last = np.zeros_like(loads)
         columns = []
-        for column in np.asarray(load, np.float64).reshape(len(load), -1).T:
-            x, failed = cg(self._matrix, column, rtol=TOLERANCE, atol=0.0, maxiter=MOST_ITERATIONS, M=self._preconditioner)
+        for column, start in zip(loads, self._last, strict=True):
+            with threadpool_limits(1):  # vectors are too short for threads of BLAS, which wait for each other
+                x, failed = cg(
+                    self._matrix, column, start, rtol=TOLERANCE, atol=0.0, maxiter=MOST_ITERATIONS, M=self._preconditioner
+                )  # fmt: skip
             if failed:
                 residual = float(np.linalg.norm(self._matrix @ x - column) / np.linalg.norm(column))
                 raise SolveFailedError(
@@ -61,4 +72,5 @@ class MultigridSolver:
                     f" {residual:.1e} of the load; the direct solver does without"
                 )
             columns.append(x)
+        self._last = np.array(columns)
         return np.column_stack(columns).reshape(np.shape(load))

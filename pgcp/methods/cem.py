@@ -85,18 +85,22 @@ def better_start(schur: AnySchur, block: csr_array, starts: tuple[FloatArray, ..
     """The one of several starts (n_B,) from which CEM comes to the least energy; the first of those that come to the same."""
     if len(starts) == 1:
         return starts[0]
-    return min(starts, key=lambda start: min(step.energy for step in cem_boundary(schur, block, start).steps))
+    return min(starts, key=lambda start: _least(cem_boundary(schur, block, start)))
 
 
-def cem_map(factor: AnyFactor, block: csr_array, start: FloatArray) -> EnergyMap:
-    """Map a disk-like surface to the unit disk by CEM; arguments as ``ccem_map``'s."""
-    found = cem_boundary(factor.schur, block, start)
+def _least(found: Descent) -> float:
+    return min(step.energy for step in found.steps)
+
+
+def cem_map(factor: AnyFactor, block: csr_array, *starts: FloatArray) -> EnergyMap:
+    """Map a disk-like surface to the unit disk by CEM, from the best of several starts; arguments as ``ccem_map``'s."""
+    found = min((cem_boundary(factor.schur, block, start) for start in starts), key=_least)
     return EnergyMap(extended(factor, found.angles), found.steps, found.converged)
 
 
 def _map(disk: Disk) -> DiskMap:
     block = disk.boundary_block()
-    return of_energy(cem_map(disk.factor, block, better_start(disk.factor.schur, block, disk.starts())))
+    return of_energy(cem_map(disk.factor, block, *disk.starts()))
 
 
 def _map_either(run: Run, parts: Parts) -> Mapped:
