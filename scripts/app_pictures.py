@@ -9,7 +9,7 @@ from pathlib import Path
 from PIL import Image
 
 import pgcp
-from pgcp.apps import remesh
+from pgcp.apps import remesh, texture
 from pgcp.surface.demo import demo_mesh
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -27,13 +27,18 @@ def remesh_picture(rings: int = 60) -> bytes:
     return remesh.drawn(result.mesh, remesh.remesh(result, vertices=4000))
 
 
-PICTURES = {"remesh": remesh_picture}
+def texture_picture(rings: int = 90) -> bytes:
+    """The demo surface with a checkerboard, and the density of its texels."""
+    return texture.drawn(texture.textured(demo(rings), size=(2048, 2048)))
+
+
+PICTURES = {"remesh": remesh_picture, "texture": texture_picture}
 
 
 def small(png: bytes) -> bytes:
     """The same picture in fewer colours."""
     out = io.BytesIO()
-    Image.open(io.BytesIO(png)).convert("RGB").quantize(COLOURS).save(out, "png", optimize=True)
+    Image.open(io.BytesIO(png)).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(out, "png", optimize=True)
     return out.getvalue()
 
 

@@ -13,7 +13,7 @@ from pgcp.io.given import GivenParts, as_unit, has_colours, materials_of
 
 _FLOAT, _SHORT, _INT = 5126, 5123, 5125  # component types
 _VERTICES, _INDICES = 34962, 34963  # what a buffer view is for
-_REPEAT, _LINEAR, _MIPMAPS = 10497, 9729, 9987
+_REPEAT, _CLAMP, _LINEAR, _MIPMAPS = 10497, 33071, 9729, 9987
 
 
 class _Parts:
@@ -82,7 +82,8 @@ def write_glb(stream: IO[bytes], arrays: Arrays, png: bytes = b"") -> None:
     if png:
         surface["baseColorTexture"] = {"index": 0}
         document["images"] = [{"bufferView": parts.view(png), "mimeType": "image/png"}]
-        document["samplers"] = [{"wrapS": _REPEAT, "wrapT": _REPEAT, "magFilter": _LINEAR, "minFilter": _MIPMAPS}]
+        # longitudes go on beyond 1, latitudes end at the poles
+        document["samplers"] = [{"wrapS": _REPEAT, "wrapT": _CLAMP, "magFilter": _LINEAR, "minFilter": _MIPMAPS}]
         document["textures"] = [{"source": 0, "sampler": 0}]
     document |= {"accessors": parts.accessors, "bufferViews": parts.views, "buffers": [{"byteLength": parts.size}]}
     text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()

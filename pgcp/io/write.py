@@ -286,6 +286,19 @@ def kind_of(path: Path) -> tuple[Format | None, bool]:
     return kind, packed
 
 
+def map_files(name: str, result: Parameterization, layout: Layout, png: bytes) -> dict[str, bytes]:
+    """The contents of a map's file of this name with a texture, and of those that go beside it, by name.
+
+    layout: texture coordinates; png: the texture's picture. Raises BadFileError where the name says no format of textures.
+    """
+    kind = kind_of(Path(name))[0]
+    if kind is None or kind.textured is None:
+        raise BadFileError(f"{name}: files of this kind have no texture")
+    stream = io.BytesIO()
+    beside = _write(stream, kind, _arrays_for(kind, result, layout), Path(name).stem, png)
+    return {name: stream.getvalue(), **beside}
+
+
 def _is_other(path: Path, kind: Format, texture: bytes | None) -> bool:
     """Whether a material file of the input would take the place of a file that was there before."""
     return kind.beside is not None and texture is None and path.exists()

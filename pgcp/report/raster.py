@@ -11,6 +11,7 @@ import numpy as np
 from pgcp.types import FloatArray, IntArray
 
 PIXELS = 1000  # twice those of the picture, in which four become one
+_RIM = 1  # of a texture: pixels are not drawn well before the first
 _MARGIN = 12.0 / (PIXELS - 1)  # of an image, at each side
 Paint = Callable[[IntArray, FloatArray], np.ndarray]
 
@@ -143,6 +144,21 @@ class View:
     def extent(self) -> FloatArray:
         """Width and height (2,)."""
         return self.box[1, :2] - self.box[0, :2]
+
+
+def texels(points: FloatArray, faces: IntArray, width: int, height: int) -> tuple[IntArray, IntArray, FloatArray]:
+    """Which texels of a texture faces cover: their rows, from the top, times ``width`` plus columns (m,), face (m,), weights.
+
+    points (T, 2): texture coordinates, v upwards; weights (m, 3): barycentric, of the texel's middle. A face that falls between
+    the middles of texels has the one nearest to its own, with equal weights.
+    """
+    screen = np.zeros((len(points), 3), np.float32)
+    screen[:, :2] = points * np.array([width, height]) + (_RIM - 0.5)
+    seen = _visible(screen, faces, max(width, height) + 2 * _RIM)
+    for beyond in (np.s_[:_RIM], np.s_[_RIM + height :], np.s_[:, :_RIM], np.s_[:, _RIM + width :]):
+        seen[beyond] = -1
+    row, column = np.nonzero(seen >= 0)
+    return ((_RIM + height - 1 - row) * width + column - _RIM, *_places(screen, faces, seen))
 
 
 def view(points: FloatArray, faces: IntArray, rotation: FloatArray | None = None) -> View:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,15 @@ _MOST_PIXELS = 1 << 28
 
 def checkerboard(size: int = _SIZE, squares: int = _SQUARES) -> Image.Image:
     """A checkerboard: light squares are warmer to the right, dark ones greener upwards, so that places can be told apart."""
-    across = (np.arange(size) + 0.5) / size
-    square = np.floor(across * squares).astype(int)
-    dark = (square[:, None] + square[::-1, None].T) % 2 == 0
-    u, v = np.broadcast_arrays(across[None, :], 1.0 - across[:, None])
+    return board(size, size, size / squares)
+
+
+def board(width: int, height: int, side: float) -> Image.Image:
+    """Such a checkerboard of width x height texels, whose squares have sides of ``side`` texels, from the lower left on."""
+    across, up = np.arange(width) + 0.5, (np.arange(height) + 0.5)[::-1]
+    square, row = np.floor(across / side).astype(int), np.floor(up / side).astype(int)
+    dark = (row[:, None] + square[None, :]) % 2 == 0
+    u, v = np.broadcast_arrays(across[None, :] / width, up[:, None] / height)
     light = np.stack([0.90 + 0.08 * u, 0.93 - 0.10 * u, 0.97 - 0.25 * u], axis=-1)
     deep = np.stack([0.16 + 0 * v, 0.26 + 0.24 * v, 0.55 - 0.10 * v], axis=-1)
     return Image.fromarray((255 * np.where(dark[..., None], deep, light) + 0.5).astype(np.uint8))
@@ -43,10 +49,14 @@ def as_picture(source: Any) -> Image.Image:
     if source == CHECKER:
         return checkerboard()
     try:
-        picture = Image.open(source)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            picture = Image.open(source)
         if picture.width * picture.height > _MOST_PIXELS:
             raise BadFileError(f"{source}: a texture of {picture.width} x {picture.height} pixels is too large")
         return picture.convert("RGB")
+    except Image.DecompressionBombError as problem:
+        raise BadFileError(f"{source}: the texture has too many pixels") from problem
     except UnidentifiedImageError as problem:
         raise BadFileError(f"{source}: it is no picture that can be read") from problem
     except (OSError, ValueError, SyntaxError) as problem:
