@@ -57,7 +57,7 @@ class Result(Parameterization):
         """Unit vectors (V, 3); None of a map to the plane."""
         return self.coordinates if self._closed else None
 
-    @property
+    @cached_property
     def _closed(self) -> bool:
         return TARGETS.get(self.target).space.closed
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from pgcp.plane.harmonics import best_rotations, harmonic_coefficients
+from pgcp.plane.harmonics import best_rotations
 from pgcp.plane.mobius import balancing_step, boost, boost_matrix, in_ball, sphere_points
 from pgcp.types import ComplexArray, FloatArray
 
@@ -75,14 +75,13 @@ def centring_of_sphere(points: FloatArray, weights: FloatArray) -> ComplexArray:
     return matrix
 
 
-def turns_of_sphere(one: FloatArray, other: FloatArray, degree: int, count: int) -> FloatArray:
+def turns_of_sphere(one: ComplexArray, other: ComplexArray, count: int) -> FloatArray:
     """Rotations (k, 3, 3) after which one function is most like another, best first, at most ``count``, far from each other.
 
-    one, other: values on ``harmonics.sphere_grid`` of a degree. Correlated by spherical harmonics, as Moebius Registration does
-    (Baden, Crane, Kazhdan 2018); reflections are none of them.
+    one, other: their coefficients (L + 1, 2 L + 1) in spherical harmonics, correlated for all rotations as Moebius Registration
+    does (Baden, Crane, Kazhdan 2018); reflections are none of them.
     """
-    both = [harmonic_coefficients(values - values.mean(), degree) for values in (one, other)]
-    found, _ = best_rotations(both[0], both[1], count, 3.0 * np.pi / (degree + 1))
+    found, _ = best_rotations(one, other, count, 3.0 * np.pi / len(one))
     return found
 
 

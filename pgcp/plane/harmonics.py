@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from pgcp.types import ComplexArray, FloatArray
 
+_CHUNK = 4096  # points whose Legendre functions are held at a time
+
 
 def sphere_grid(degree: int) -> FloatArray:
     """Points (n, 3) on which harmonics up to a degree are integrated exactly: rows of Gauss-Legendre heights, each a circle.
@@ -44,8 +46,23 @@ def harmonic_coefficients(values: FloatArray, degree: int) -> ComplexArray:
     heights, weights = np.polynomial.legendre.leggauss(degree + 1)
     rows = np.asarray(values, np.float64).reshape(degree + 1, -1)
     waves = np.fft.fft(rows, axis=1)[:, : degree + 1] * (2.0 * np.pi / rows.shape[1])
-    upper = np.einsum("lmh,h,hm->lm", _legendre(degree, heights), weights, waves)
-    signs = (-1.0) ** np.arange(1, degree + 1)
+    return _all_orders(np.einsum("lmh,h,hm->lm", _legendre(degree, heights), weights, waves))
+
+
+def measure_coefficients(points: FloatArray, weights: FloatArray, degree: int) -> ComplexArray:
+    """Coefficients (degree + 1, 2 degree + 1) of the measure with weights (n,) at unit vectors (n, 3)."""
+    upper = np.zeros((degree + 1, degree + 1), np.complex128)
+    for begin in range(0, len(points), _CHUNK):
+        some = slice(begin, begin + _CHUNK)
+        x, y, z = points[some].T
+        waves = np.exp(-1j * np.arctan2(y, x)[:, None] * np.arange(degree + 1)) * weights[some, None]
+        upper += np.einsum("lmh,hm->lm", _legendre(degree, np.clip(z, -1.0, 1.0)), waves)
+    return _all_orders(upper)
+
+
+def _all_orders(upper: ComplexArray) -> ComplexArray:
+    """Coefficients of a real function for orders of either sign, from those (L + 1, L + 1) of orders 0 to L."""
+    signs = (-1.0) ** np.arange(1, len(upper))
     lower = (signs * upper[:, 1:].conj())[:, ::-1]
     return np.concatenate([lower, upper], axis=1)
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pgcp.plane import align
-from pgcp.plane.harmonics import harmonic_coefficients, rotation_correlations, sphere_grid
+from pgcp.plane.harmonics import harmonic_coefficients, measure_coefficients, rotation_correlations, sphere_grid
 from pgcp.plane.mobius import boost, boost_matrix
 
 RNG = np.random.default_rng(0)
@@ -78,12 +78,22 @@ def test_harmonics_have_the_energy_of_the_function_and_turn_with_it():
 
 def test_a_turn_of_the_sphere_is_found_among_all():
     grid = sphere_grid(12)
-    starts = align.turns_of_sphere(bumps(grid), bumps(TURN.inv().apply(grid)), 12, 4)
+    one, other = (harmonic_coefficients(values, 12) for values in (bumps(grid), bumps(TURN.inv().apply(grid))))
+    starts = align.turns_of_sphere(one, other, 4)
     found, error = align.finer_turn_of_sphere(
         starts[0], POINTS, bumps(POINTS), np.ones(60), lambda points: bumps(TURN.inv().apply(points))
     )
     assert np.allclose(found, TURN.as_matrix(), atol=1e-6)
     assert error < 1e-10
+
+
+def test_a_measure_is_turned_as_its_points_are():
+    weights = RNG.uniform(0.1, 1.0, 60)
+    one, other = (measure_coefficients(points, weights, 10) for points in (POINTS, TURN.apply(POINTS)))
+    assert np.allclose((np.abs(one) ** 2).sum(axis=1), (np.abs(other) ** 2).sum(axis=1))
+    assert one[0, 10] == pytest.approx(weights.sum() * np.sqrt(0.25 / np.pi))
+    best = align.turns_of_sphere(one, other, 1)[0]
+    assert Rotation.from_matrix(best @ TURN.as_matrix().T).magnitude() < 2.0 * np.pi / 22
 
 
 def test_a_turn_of_the_disk_is_found():

@@ -10,7 +10,7 @@ import numpy as np
 
 from pgcp.errors import InputError
 from pgcp.plane import align
-from pgcp.plane.harmonics import sphere_grid
+from pgcp.plane.harmonics import harmonic_coefficients, measure_coefficients, sphere_grid
 from pgcp.plane.locate import Places
 from pgcp.plane.space import PLANE
 from pgcp.result import Result
@@ -25,6 +25,7 @@ _TRIED = 10
 _FIRST_SAMPLE, _FIRST_STEPS, _FINER = 600, 6, 2  # vertices and steps for all turns that are tried; how many are made finer
 _SAMPLE, _STEPS = 4000, 30  # for these
 _APART = 0.25  # radians between turns that are not the same
+_CLEARER = 1.25  # by which the next turn has to be worse
 _NO_PATTERN = 1e-3  # least standard deviation of what is compared
 
 
@@ -80,6 +81,7 @@ class _Domain(Protocol):
 
     values: FloatArray
     weights: FloatArray
+    deviation: float
 
     def turns(self, other: _Domain) -> list[Any]:
         """Turns after which this one's values are most like the other's, best first."""
@@ -105,9 +107,14 @@ def vertex_areas(points: FloatArray, faces: IntArray) -> FloatArray:
     return np.asarray(out / (3.0 * areas.sum()), np.float64)
 
 
-def _levelled(values: FloatArray, weights: FloatArray) -> FloatArray:
-    """Values (V,) less their mean."""
-    return values - float(weights @ values)
+def _ranked(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, float]:
+    """Values (V,) as the share of all weight at lesser ones, less a half, and the standard deviation of what they were."""
+    order = np.argsort(values, kind="stable")
+    below = np.cumsum(weights[order]) - 0.5 * weights[order]
+    ranks = np.empty(len(values))
+    ranks[order] = below / weights.sum() - 0.5
+    share = weights / weights.sum()
+    return ranks, float(np.sqrt(share @ (values - share @ values) ** 2))
 
 
 def _quantiles(values: FloatArray, weights: FloatArray) -> FloatArray:
@@ -122,13 +129,13 @@ class _Ball:
 
     def __init__(self, result: Result, values: FloatArray | None) -> None:
         self.result = result
-        own = vertex_areas(result.mesh.vertices, result.faces)
+        own = self.areas = vertex_areas(result.mesh.vertices, result.faces)
         self.matrix = align.centring_of_sphere(result.coordinates, own)
         self.back = align.undone(self.matrix)
         self.points = align.moved_on_sphere(self.matrix, result.coordinates)
         self.weights = 0.5 * (own + vertex_areas(self.points, result.faces))
         scale = result.log_scale + align.log_scale_on_sphere(self.matrix, result.coordinates) if values is None else values
-        self.values = _levelled(scale, self.weights)
+        self.values, self.deviation = _ranked(scale, self.weights)
 
     def at(self, points: FloatArray) -> FloatArray:
         """Values (n,) at unit vectors (n, 3) of the centred sphere."""
@@ -138,7 +145,9 @@ class _Ball:
     def turns(self, other: _Ball) -> list[FloatArray]:
         """See _Domain."""
         grid = sphere_grid(_DEGREE)
-        return list(align.turns_of_sphere(self.at(grid), other.at(grid), _DEGREE, _TRIED))
+        values = [harmonic_coefficients(each.at(grid), _DEGREE) for each in (self, other)]
+        areas = [measure_coefficients(each.points, each.areas, _DEGREE) for each in (self, other)]
+        return [turn for one, two in (values, areas) for turn in align.turns_of_sphere(one, two, _TRIED)]
 
     def finer(self, other: _Ball, start: FloatArray, sample: IntArray, most: int) -> tuple[FloatArray, float]:
         """See _Domain."""
@@ -165,7 +174,7 @@ class _Disk:
         self.points = align.moved_in_plane(self.matrix, z)
         self.weights = 0.5 * (own + vertex_areas(PLANE.in_space(self.points), result.faces))
         scale = result.log_scale + align.log_scale_in_plane(self.matrix, z) if values is None else values
-        self.values = _levelled(scale, self.weights)
+        self.values, self.deviation = _ranked(scale, self.weights)
 
     def at(self, z: ComplexArray) -> FloatArray:
         """Values (n,) at points (n,) of the centred disk."""
@@ -224,9 +233,9 @@ def matched(
 
     Both maps are centred: the area of the surface has its mean place at the centre of the ball or the disk, which fixes all but
     a turn (conformal barycentre; Baden, Crane, Kazhdan, Moebius Registration, 2018). The turn is that after which what is
-    compared is most alike: the logarithm of the maps' scale, or, ``align_by="values"``, values (V_a,) and (V_b,). landmarks
-    (n, 2), vertices of a and b, are used instead of both where they are given: by the Moebius map with the least squares of
-    distances between them, or by the turn, ``fit="rotation"``. There are no reflections.
+    compared is most alike: ranks of the maps' scale, or, ``align_by="values"``, of values (V_a,) and (V_b,). landmarks (n, 2),
+    vertices of a and b, are used instead of both where they are given: by the Moebius map with the least squares of distances
+    between them, or by the turn, ``fit="rotation"``. There are no reflections.
 
     Raises InputError where the maps go to different domains, for words, values and landmarks that do not fit.
     """
@@ -275,13 +284,11 @@ def _by_likeness(a: Result, b: Result, values: list[FloatArray | None]) -> tuple
     found = sorted((one.finer(other, turn, sample, _STEPS) for turn in kept[:_FINER]), key=lambda pair: pair[1])
     best, error = found[0]
     next_error = next((later for turn, later in found[1:] if one.angle(turn, best) > _APART), None)
-    share = one.weights[sample] / one.weights[sample].sum()
-    variance = float(share @ (one.values[sample] - share @ one.values[sample]) ** 2)
     record: dict[str, Any] = {
-        "standard_deviation": float(np.sqrt(variance)),
+        "standard_deviation": one.deviation,
         "rms_difference": float(np.sqrt(error)),
         "rms_difference_of_next_turn": None if next_error is None else float(np.sqrt(next_error)),
-        "is_sure": bool(np.sqrt(variance) > _NO_PATTERN and (next_error is None or 1.5625 * error < next_error)),
+        "is_sure": bool(one.deviation > _NO_PATTERN and (next_error is None or _CLEARER**2 * error < next_error)),
     }
     return one.onto(other, best), record
 
@@ -343,7 +350,7 @@ def alignment_line(record: Mapping[str, Any]) -> str:
     if "pairs" in record:
         count, mean, most = len(record["pairs"]), record["mean_distance"], record["max_distance"]
         return f"{count} landmarks, brought to within {mean:.2%} of the diagonal on average, {most:.2%} at most"
-    said = f"aligned by {record['by']}: rms difference {record['rms_difference']:.4g} of {record['standard_deviation']:.4g}"
+    said = f"aligned by {record['by']}: ranks differ by {record['rms_difference']:.2%} rms"
     if not record["is_sure"]:
         return f"{said}; another turn does nearly as well: landmarks would decide"
     return said
