@@ -38,7 +38,8 @@ class Morph:
 
     match: which points correspond; end (V_a, 3): where the vertices of a lie on b; rotation (3, 3): that of the rigid motion
     that takes a nearest to there; middles: mean places (3,) of a and of its image, which it takes to each other;
-    shares (n + 1,): how far each shape is, from 0 to 1; in_place: whether shapes stay where a is, b being moved there.
+    shares (n + 1,): how far each shape is, from 0 to 1; in_place: whether shapes stay where a is, b being moved there;
+    growth: how much larger b is, 1 where sizes are left as they are.
     """
 
     match: Correspondence
@@ -47,23 +48,25 @@ class Morph:
     middles: tuple[FloatArray, FloatArray]
     shares: FloatArray
     in_place: bool
+    growth: float = 1.0
 
     def at(self, share: float) -> FloatArray:
         """Vertices (V_a, 3) of the shape at a share of the way: those of a at 0, and on b at 1, or on b moved to a.
 
-        Once the rigid motion is undone, every vertex goes straight. Of the motion, the same share is done.
+        Once the rigid motion, and the growth, are undone, every vertex goes straight. Of both, the same share is done.
         """
         start = self.match.a.mesh.vertices
         if share == 0.0:
             return start.copy()
-        aligned = (self.end - self.middles[1]) @ self.rotation + self.middles[0]
-        if share == 1.0:
-            return aligned if self.in_place else self.end.copy()
-        shape = start + share * (aligned - start)
+        if share == 1.0 and not self.in_place:
+            return self.end.copy()
+        aligned = (self.end - self.middles[1]) @ self.rotation / self.growth
+        shape = (1.0 - share) * (start - self.middles[0]) + share * aligned
+        shape *= self.growth**share
         if self.in_place:
-            return shape
+            return shape + self.middles[0]
         turn = Rotation.from_rotvec(share * Rotation.from_matrix(self.rotation).as_rotvec())
-        return np.asarray(turn.apply(shape - self.middles[0])) + (1.0 - share) * self.middles[0] + share * self.middles[1]
+        return np.asarray(turn.apply(shape)) + (1.0 - share) * self.middles[0] + share * self.middles[1]
 
     @property
     def shapes(self) -> FloatArray:
@@ -81,12 +84,20 @@ class Morph:
 
 
 def morph(
-    a: Result, b: Result, *, steps: int = _STEPS, in_place: bool = False, landmarks: Any = None, fit: str = MOEBIUS
+    a: Result,
+    b: Result,
+    *,
+    steps: int = _STEPS,
+    in_place: bool = False,
+    any_size: bool = False,
+    landmarks: Any = None,
+    fit: str = MOEBIUS,
 ) -> Morph:
     """Shapes on the mesh of a from its own to that of b, in so many steps; both are mapped to the sphere, or to the disk.
 
     The points that correspond are those of ``matching.matched``, which landmarks (n, 2) and fit are of. The rigid motion that
     brings b nearest to a (Kabsch 1976, vertices weighted by area) is done evenly on the way, or, ``in_place``, not at all.
+    any_size: shapes go from one to the other as if both were of one size, and grow by an equal factor in each step.
 
     Raises InputError where the maps go to different domains, or steps are fewer than 1.
     """
@@ -96,7 +107,14 @@ def morph(
     weights = vertex_areas(a.mesh.vertices, a.faces)
     rotation, _ = rigid_motion(a.mesh.vertices, match.on_b.points, weights)
     middles = weights @ a.mesh.vertices, weights @ match.on_b.points
-    return Morph(match, match.on_b.points, rotation, middles, np.linspace(0.0, 1.0, steps + 1), in_place)
+    growth = _size(match.on_b.points, weights) / _size(a.mesh.vertices, weights) if any_size else 1.0
+    return Morph(match, match.on_b.points, rotation, middles, np.linspace(0.0, 1.0, steps + 1), in_place, growth)
+
+
+def _size(points: FloatArray, weights: FloatArray) -> float:
+    """Root of the mean square of distances from the middle."""
+    away = points - weights @ points
+    return max(float(np.sqrt(weights @ (away**2).sum(axis=1))), 1e-300)
 
 
 # Files and figures ------------------------------------------------------------------------------------------------------------
@@ -126,9 +144,10 @@ def _npz(name: str, done: Morph) -> dict[str, bytes]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drawing:
-    """How shapes are drawn: where a is, from one side, in the colours of a or with a checkerboard of its map."""
+    """How shapes are drawn: where a is and of its size, from one side, in a's colours or with a checkerboard of its map."""
 
     done: Morph
+    weights: FloatArray
     rotation: FloatArray
     box: FloatArray
     colours: FloatArray | Paint
@@ -138,17 +157,25 @@ class _Drawing:
         """That of a morph: everything is in sight all the time."""
         still, a = replace(done, in_place=True), done.match.a
         rotation, used = view_rotation(a.mesh.vertices, a.faces), np.unique(a.faces)
-        box = turned_box([still.at(share)[used] for share in (0.0, 1.0)], rotation)
+        weights = vertex_areas(a.mesh.vertices, a.faces)
+        box = turned_box([_of_size(still, share, weights)[used] for share in (0.0, 1.0)], rotation)
         own = colours_of(_colours(done))
-        return cls(still, rotation, box, checkers_of(a, rotation) if own is None else own)
+        return cls(still, weights, rotation, box, checkers_of(a, rotation) if own is None else own)
 
     def panel(self, share: float, caption: str = "") -> Panel:
         """A shape."""
-        return Panel(self.done.at(share), self.done.match.a.faces, self.rotation, self.colours, caption, None, self.box)
+        points = _of_size(self.done, share, self.weights)
+        return Panel(points, self.done.match.a.faces, self.rotation, self.colours, caption, None, self.box)
+
+
+def _of_size(still: Morph, share: float, weights: FloatArray) -> FloatArray:
+    """Vertices (V_a, 3) of a shape in place, made as large as a is, in mean squares of distances from the middle."""
+    start, shape = still.match.a.mesh.vertices, still.at(share)
+    return (shape - still.middles[0]) * (_size(start, weights) / _size(shape, weights)) + still.middles[0]
 
 
 def _picture(name: str, done: Morph) -> dict[str, bytes]:
-    """Some of the shapes in a row, all seen from one side and in one unit."""
+    """Some of the shapes in a row, all seen from one side and of one size."""
     shares, drawing = np.linspace(0.0, 1.0, _ACROSS).tolist(), _Drawing.of(done)
     ends = done.match.a.mesh.name, f"the shape of {done.match.b.mesh.name}"
     captions = [ends[0], *(f"{share:.0%} of the way" for share in shares[1:-1]), ends[1]]
@@ -177,8 +204,9 @@ def _run(call: Call) -> Made:
     a, b = pair.mapped(call)
     call.shown("align", 0, 0)
     done = morph(
-        a, b, steps=call["steps"], in_place=call["in_place"], landmarks=landmarks_now(landmarks, (a, b)), fit=call["fit"]
-    )
+        a, b, steps=call["steps"], in_place=call["in_place"], any_size=call["any_size"],
+        landmarks=landmarks_now(landmarks, (a, b)), fit=call["fit"],
+    )  # fmt: skip
     lost, colours = done.detail_lost(), _colours(done)
     call.shown("align", 1, 1)
     record = {
@@ -209,6 +237,9 @@ def _ask(group: Group) -> None:
     add_pair(group)
     group.add_argument(
         "--steps", type=int, default=_STEPS, metavar="N", help=f"from the first shape to the last; default {_STEPS}"
+    )
+    group.add_argument(
+        "--any-size", action="store_true", help="shapes change as if both were of one size, and grow evenly, by factors"
     )
     group.add_argument(
         "--in-place",

@@ -96,6 +96,26 @@ def test_a_turned_copy_keeps_its_shape_on_the_way():
     assert np.abs(sides[1] / sides[0] - 1.0).max() < 0.02
 
 
+def test_of_any_size_shapes_change_evenly_and_grow_by_factors():
+    mesh = hilly_disk(300)
+    larger = pgcp.Mesh(100.0 * TURN.apply(mesh.vertices * [1.0, 1.0, 2.0]) + SHIFT, mesh.faces)
+    a, b = (pgcp.parameterize(each, target="disk", patches=1) for each in (mesh, larger))
+    done = morph(a, b, steps=2, any_size=True)
+    first, middle, last = done.shapes
+    assert np.array_equal(first, mesh.vertices)
+    assert np.array_equal(last, done.match.on_b.points)
+    sizes = [
+        np.linalg.norm(np.ptp(shape - shape.mean(axis=0), axis=0))
+        for shape in morph(a, b, steps=2, in_place=True, any_size=True).shapes
+    ]
+    assert sizes[1] / sizes[0] == pytest.approx(sizes[2] / sizes[1], rel=0.05)
+    assert 90 < sizes[2] / sizes[0] < 120
+    assert (
+        np.linalg.norm(morph(a, b, steps=2).shapes[1], axis=1).mean()
+        > 4.0 * np.linalg.norm(middle - middle.mean(axis=0), axis=1).mean()
+    )
+
+
 @pytest.fixture
 def files(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

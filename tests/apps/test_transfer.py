@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from meshes import even_sphere, grid, hilly_disk, icosphere, lifted, lumpy
+from meshes import SHARED, even_sphere, grid, hilly_disk, icosphere, lifted, lumpy
 from scipy.spatial.transform import Rotation
 
 import pgcp
@@ -266,3 +266,48 @@ def test_mistakes_are_said_in_one_sentence_before_anything_is_mapped(files, caps
     assert main(["transfer", "one.ply", *words]) == 2
     assert capsys.readouterr().err.splitlines()[-1].startswith(f"pgcp transfer: {message}")
     assert sorted(path.name for path in files.iterdir()) == before
+
+
+def test_numbers_are_those_of_the_input_where_a_part_of_it_is_mapped(files, capsys):
+    """Beside a small other component, the vertices of the surface have other numbers than in its map."""
+    small, one, two = icosphere(0), pgcp.read_mesh("one.ply"), pgcp.read_mesh("two.ply")
+    shift = len(small.vertices)
+    both = pgcp.Mesh(np.vstack([small.vertices + 9.0, one.vertices]), np.vstack([small.faces, one.faces + shift]))
+    pgcp.write_mesh("both.ply", both)
+    np.savetxt("both.txt", both.vertices[:, 2])
+    words = ["transfer", "both.ply", "two.ply", "--values", "both.txt", "--patches", "1", "--quiet", "-o", "it.npz"]
+    assert main([*words, "-o", "it.csv"]) == 0
+    with np.load("it.npz") as data:
+        assert np.array_equal(data["a_vertices"], np.arange(shift, len(both.vertices)))
+        places = np.einsum("nk,nkd->nd", data["b_weights"], both.vertices[data["b_corners"]])
+        assert np.allclose(places, data["b_points"])
+        assert np.array_equal(both.faces[data["b_faces"]], data["b_corners"])
+        assert np.linalg.norm(elsewhere(places) - two.vertices, axis=1).max() < edges(two).mean()
+        assert np.allclose(data["on_b_value"], places[:, 2])
+    assert np.array_equal(np.genfromtxt("it.csv", delimiter=",", names=True)["vertex"], np.arange(shift, len(both.vertices)))
+    some = np.arange(0, 162, 20)
+    pairs = np.column_stack([some + shift, nearest(elsewhere(one.vertices[some]), two.vertices)])
+    np.savetxt("pairs.txt", pairs, "%d")
+    assert main([*words, "--landmarks", "pairs.txt"]) == 0
+    np.savetxt("pairs.txt", [*pairs, [3, 299]], "%d")
+    capsys.readouterr()
+    assert main([*words, "--landmarks", "pairs.txt"]) == 2
+    assert "is a landmark, but no face that is mapped has it" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "target", "most"), [("closed/max_planck", "sphere", 0.2), ("open/max_planck_disk", "disk", 0.2)]
+)
+def test_a_real_surface_decimated_and_turned_corresponds_to_itself(name, target, most):
+    pyvista = pytest.importorskip("pyvista")
+    if not (SHARED / f"{name}.ply").exists():
+        pytest.skip("needs the shared meshes")
+    whole = pgcp.read_mesh(SHARED / f"{name}.ply")
+    corners = np.column_stack([np.full(len(whole.faces), 3), whole.faces]).ravel()
+    few = pyvista.PolyData(whole.vertices, corners).decimate(0.4)
+    turned = pgcp.Mesh(elsewhere(np.asarray(few.points, float)), few.regular_faces.copy())
+    found = matched(*(pgcp.compute(mesh, pgcp.Options(target=target)) for mesh in (whole, turned)))
+    away = np.linalg.norm(found.on_b.points - elsewhere(whole.vertices), axis=1) / (2.0 * edges(whole).mean())
+    assert away.mean() < most
+    assert np.quantile(away, 0.95) < 2.0 * most
