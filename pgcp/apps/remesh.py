@@ -1,4 +1,4 @@
-"""Remesh a surface through its map: triangles of one size on the surface, or quads of a lattice in the map (PGCP 5.7.2)."""
+"""Mesh a surface anew through its map: triangles of one size on the surface, or quads of a lattice (PGCP 5.7.2)."""
 
 from __future__ import annotations
 
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from pgcp.result import Result
 
 _MOST, _LEAST = 2_000_000, 12  # vertices
+_TRIES, _NEAR = 4, 0.03  # times that squares are made of another size, for a number of vertices that is so near
 _PICTURE = "_remesh.png"
 _MAGNIFIED = 24.0  # edges across the magnified panels
 _FORMATS = tuple(kind for kind in writable() if VERTICES in kind.carries)
@@ -87,10 +88,10 @@ def remesh(
         raise InputError("edge and vertices both say how fine the mesh is to be; give one of them")
     sheet = _sheet(result)
     spacing = _spacing(result.mesh, sheet, edge, vertices, quads)
+    counted = len(sheet.vertices) if vertices is None and edge is None else vertices
     if quads:
-        made, source, spacing = _with_quads(result, sheet, spacing, vertices)
+        made, source, spacing = _with_quads(result, sheet, spacing, counted, seed)
     else:
-        counted = vertices if vertices is not None or edge is not None else len(sheet.vertices)
         made = resampled(sheet, spacing, counted, seed)
         source = Source(made.points, made.faces.reshape(-1))
     source = Source(source.vertices, source.corners, source.offsets, of_vertices=_colours(result, made.image), name="remeshed")
@@ -137,28 +138,24 @@ def _spacing(mesh: Mesh, sheet: Sheet, edge: float | None, vertices: int | None,
     return sheet.spacing_for(max(wanted, _LEAST))
 
 
-def _with_quads(result: Result, sheet: Sheet, spacing: float, vertices: int | None) -> tuple[Resampled, Source, float]:
-    """The mesh of a lattice, the same with quads, and its edge length in the middle of the surface's area."""
-    area = float(sheet.areas.sum())
-    if sheet.rim is None:
-        across = max(round(np.sqrt(area / 6.0) / spacing), 1)
-        return *quads_of_sphere(sheet, across), float(np.sqrt(area / 6.0) / across)
-    order = np.argsort(sheet.log_scale[sheet.faces].mean(axis=1))
-    half = np.searchsorted(np.cumsum(sheet.areas[order]), 0.5 * area)
-    middle = float(np.exp(sheet.log_scale[sheet.faces].mean(axis=1)[order[half]]))
-    mapped = float(np.ptp(sheet.image, axis=0).prod())
-    step = spacing * middle
-    if vertices is not None or mapped / step**2 > _MOST:
-        step = max(float(np.sqrt(_mapped_area(sheet) / (vertices or _MOST))), np.sqrt(mapped / _MOST))
-    angle = upright_angle(Mesh(sheet.vertices, sheet.faces), sheet.image)[0]
-    return *quads_of_plane(sheet, step, angle), step / middle
+def _with_quads(
+    result: Result, sheet: Sheet, spacing: float, vertices: int | None, seed: int
+) -> tuple[Resampled, Source, float]:
+    """The mesh of a lattice, the same with quads, and the side that squares were to have.
 
-
-def _mapped_area(sheet: Sheet) -> float:
-    """Area of a map in the plane."""
-    assert sheet.rim is not None
-    x, y = sheet.rim.image.T
-    return float(0.5 * (np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
+    Where the number of vertices is asked for, the side is corrected by how many there are, up to four times.
+    """
+    angle = 0.0 if sheet.rim is None else upright_angle(Mesh(sheet.vertices, sheet.faces), sheet.image)[0]
+    for again in range(_TRIES, -1, -1):
+        if sheet.rim is None:
+            made, source = quads_of_sphere(sheet, spacing, seed)
+        else:
+            made, source = quads_of_plane(sheet, spacing, angle, seed)
+        count = len(made.points)
+        if vertices is None or not again or abs(count - vertices) <= _NEAR * vertices:
+            break
+        spacing *= float(np.sqrt(count / vertices))
+    return made, source, spacing
 
 
 def _colours(result: Result, image: FloatArray) -> Columns:
@@ -256,7 +253,9 @@ def _arguments(group: Group) -> None:
         "--vertices", type=_count, metavar="N", help="how many vertices the new mesh is to have (default: as many as before)"
     )
     group.add_argument(
-        "--quads", action="store_true", help="squares of a regular lattice in the map, with triangles along the boundary"
+        "--quads",
+        action="store_true",
+        help="squares of a lattice in the map, with triangles along the boundary and where sizes change",
     )
 
 

@@ -160,7 +160,7 @@ def resampled(
         image = relaxed(image, len(rim), moves(sheet, spacing, len(rim)), sheet.settled, count_of if inner else 0)
     if sheet.rim is not None:
         return triangulated_within(sheet, lengths, image[len(rim) :])
-    return _closed(sheet, image)
+    return triangulated_of_sphere(sheet, image)
 
 
 def _triangles(sheet: Sheet, image: FloatArray, spacing: FloatArray | None, rim: int) -> IntArray:
@@ -206,8 +206,11 @@ def _finished(sheet: Sheet, image: FloatArray, points: FloatArray, faces: IntArr
     return Resampled(points, image, faces.astype(np.int32), rim)
 
 
-def _closed(sheet: Sheet, image: FloatArray) -> Resampled:
-    """The mesh of points on the sphere; points where it is no surface, as some lie at one place, are left out."""
+def triangulated_of_sphere(sheet: Sheet, image: FloatArray) -> Resampled:
+    """The mesh of places (n, 3) on the sphere; those where it is no surface, as some lie at one place, are left out.
+
+    Raises NumericalError where the mesh is no sphere.
+    """
     for _ in range(_ROUNDS):
         faces = _triangles(sheet, image, sheet.spacing_at(image, 1.0), 0)
         wrong = _wrong_points(faces, sheet.upright(image)(faces), len(image))
@@ -228,12 +231,11 @@ def _wrong_points(faces: IntArray, good: BoolArray, count: int) -> BoolArray:
     return wrong
 
 
-def triangulated_within(sheet: Sheet, lengths: FloatArray, inner: FloatArray, lean: float = 0.0) -> Resampled:
+def triangulated_within(sheet: Sheet, lengths: FloatArray, inner: FloatArray) -> Resampled:
     """The mesh of places (n, 2) of the map within the boundary points at these lengths.
 
-    Boundary edges that are missing are halved; inner points too close to the boundary are left out. lean: a small shear under
-    which places are triangulated, so that no four of a lattice are on one circle. Raises NumericalError where the boundary is
-    too narrow, or the mesh is no disk.
+    Boundary edges that are missing are halved; inner points too close to the boundary are left out. Raises NumericalError where
+    the boundary is too narrow, or the mesh is no disk.
     """
     assert sheet.rim is not None
     for _ in range(_ROUNDS):
@@ -244,8 +246,7 @@ def triangulated_within(sheet: Sheet, lengths: FloatArray, inner: FloatArray, le
             near = cKDTree(inner).query_ball_point(0.5 * (rim + after), reach)
             inner = np.delete(inner, np.unique(np.concatenate([np.asarray(some, np.int64) for some in near])), axis=0)
         image = np.vstack([rim, inner])
-        leaning = np.column_stack([image[:, 0] + lean * image[:, 1], image[:, 1]])
-        faces, missing = enclosed(planar_delaunay(leaning), len(rim))
+        faces, missing = enclosed(planar_delaunay(image), len(rim))
         if not len(missing):
             break
         following = np.append(lengths[1:], lengths[0] + sheet.rim.ends[-1])

@@ -12,14 +12,14 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 from pgcp.errors import NumericalError
 from pgcp.types import BoolArray, FloatArray, IntArray
 
-_RESOLVED, _ROOM = 1e-6, 64.0
+_RESOLVED, _ROOM = 1e-5, 64.0
 _NEIGHBOURS = 6
 
 
 def planar_delaunay(points: FloatArray) -> IntArray:
     """Counter-clockwise Delaunay triangles (F, 3) of points (N, 2), which may lie close in some places and far apart in others.
 
-    Doubles tell which circles are empty where points are no closer than some 1e-7 of what they span. Closer ones are magnified
+    Doubles tell which circles are empty where points are no closer than some 1e-6 of what they span. Closer ones are magnified
     and triangulated by themselves; of these triangles those with such points are taken. Points at one place are in none.
     Raises NumericalError where all points lie on a line.
     """

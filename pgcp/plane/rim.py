@@ -58,15 +58,6 @@ class Rim:
         starts = ends[self.corners(spacing)]
         return _between(starts if len(starts) else np.zeros(1), total, spacing)
 
-    def spaced_in_map(self, step: float) -> FloatArray:
-        """Lengths (n,) along the curve of points about ``step`` apart in the map, corners of the surface among them."""
-        ends = self.ends
-        flat = Rim(np.pad(self.image, ((0, 0), (0, 1))), self.image)
-        corners = self.corners(float(ends[-1]) * step / float(flat.ends[-1]))
-        starts = flat.ends[corners] if len(corners) else np.zeros(1)
-        around = np.mod(_between(starts, float(flat.ends[-1]), step), flat.ends[-1])
-        return np.sort(np.interp(around, flat.ends, ends))
-
 
 def _between(starts: FloatArray, total: float, spacing: float) -> FloatArray:
     """Numbers (n,) from each start to the next, evenly and about ``spacing`` apart, around a circle of length ``total``."""

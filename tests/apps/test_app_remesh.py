@@ -14,6 +14,7 @@ from PIL import Image
 import pgcp
 from pgcp.apps.remesh import remesh
 from pgcp.cli.apps import main
+from pgcp.finish.lattice import quadtree
 from pgcp.finish.shape import hausdorff_distance, shape_record
 from pgcp.surface.topology import examine
 from pgcp.types import Source
@@ -107,8 +108,32 @@ def test_quads_lie_in_the_lattice_and_close_up_with_triangles(maps, target):
     corners = made.mesh.vertices[quads]
     before, after = np.roll(corners, 1, axis=1) - corners, np.roll(corners, -1, axis=1) - corners
     cosines = np.einsum("qkd,qkd->qk", before, after) / np.linalg.norm(before, axis=2) / np.linalg.norm(after, axis=2)
-    assert np.median(np.abs(np.degrees(np.arccos(cosines)) - 90.0)) < 8.0
+    assert np.median(np.abs(np.degrees(np.arccos(cosines)) - 90.0)) < 4.0
+    assert abs(len(made.mesh.vertices) - len(maps[target].mesh.vertices)) < 0.15 * len(maps[target].mesh.vertices)
+    sides = np.linalg.norm(after, axis=2) / made.spacing
+    assert np.quantile(sides, [0.1, 0.9]) == pytest.approx([0.85, 1.2], abs=0.35)
     assert volume_or_area(made.mesh) == pytest.approx(volume_or_area(maps[target].mesh), rel=0.03)
+
+
+def test_a_quadtree_is_halved_where_short_sides_are_wanted_and_balanced():
+    places = np.array([[0.02, 0.02], [0.9, 0.9]])
+    tree = quadtree(np.zeros(2), 1.0, places, np.array([1.0 / 32, 0.5]))
+    corners = tree.nodes[tree.squares]
+    sides = corners[:, 1, 0] - corners[:, 0, 0]
+    assert (corners[:, 2, 1] - corners[:, 1, 1]) == pytest.approx(sides)
+    assert (sides**2).sum() == pytest.approx(1.0)
+    low = corners[:, 0] - np.column_stack([1e-3 * corners[:, 0, 1], np.zeros(len(corners))])
+    for place, side in zip(places, (1.0 / 32, 0.5), strict=True):
+        assert sides[((low <= place) & (place < low + sides[:, None])).all(axis=1)] == pytest.approx(side)
+    for one, size in zip(low, sides, strict=True):
+        touches = ((low <= one + size + 1e-9) & (one <= low + sides[:, None] + 1e-9)).all(axis=1)
+        assert sides[touches].max() <= 2.0 * size + 1e-12
+
+
+def test_a_quadtree_is_finest_at_the_place_that_wants_it():
+    place = np.array([[0.3, 0.98]])
+    tree = quadtree(np.zeros(2), 1.0, place, np.array([2.0**-14]))
+    assert np.linalg.norm(tree.nodes - place, axis=1).min() < 2.0**-14
 
 
 def test_the_hausdorff_distance_of_parallel_squares_and_of_a_bump():
@@ -154,10 +179,13 @@ def test_the_command_writes_meshes_a_picture_and_figures(folder, capsys):
         assert len(pgcp.read_mesh(f"ball_remesh/ball.{ending}").faces) == 796
 
 
-@pytest.mark.parametrize("name", ["new.stl", "new.glb", "new.off", "new.vtp"])
-def test_single_files_of_other_formats(folder, name):
-    assert main(["remesh", "hills.ply", "--edge", "0.1", "-o", name, "--quiet"]) == 0
-    assert examine(*((mesh := pgcp.read_mesh(name)).faces, len(mesh.vertices))).is_disk
+def test_single_files_of_other_formats(folder):
+    files = ["new.stl", "new.glb", "new.off", "new.vtp"]
+    words = [word for name in files for word in ("-o", name)]
+    assert main(["remesh", "hills.ply", "--edge", "0.1", "--quiet", *words]) == 0
+    for name in files:
+        mesh = pgcp.read_mesh(name)
+        assert examine(mesh.faces, len(mesh.vertices)).is_disk
 
 
 def test_quads_are_written_as_quads(folder):
