@@ -2,8 +2,8 @@
 
     python picture.py [MESH [IMAGE]]
 
-`pgcp texture` puts a picture on the surface through its map, and says how many texels there are for a unit of length. Squares
-keep their right angles everywhere. Without MESH, it is the built-in bust.
+`pgcp texture` puts a picture on the surface through its map, here a checkerboard, and says how many texels there are for a unit
+of length. Squares keep their right angles everywhere. Without MESH, it is the built-in bust.
 """
 
 import sys
@@ -19,5 +19,6 @@ with tempfile.TemporaryDirectory() as folder:
     if not words:
         pgcp.write_mesh(Path(folder, "bust.ply"), demo_mesh())
         words = [str(Path(folder, "bust.ply"))]
-    status = main(["texture", *words, "-o", "picture.png", "-o", str(Path(folder, "textured.glb"))])
+    status = main(["texture", *words, "-o", "textured.glb", "-o", "picture_density.png"])
+Path("picture_density.png").replace("picture.png")
 sys.exit(status)

@@ -15,9 +15,9 @@ import pgcp
 side = round(int(sys.argv[1] if len(sys.argv) > 1 else 770_000) ** 0.5)
 waves = np.hypot(np.fft.fftfreq(side)[:, None], np.fft.rfftfreq(side)) * side
 noise = np.random.default_rng(7).standard_normal((side, side))
-spectrum = np.fft.rfft2(noise) / np.maximum(waves, 2.0) ** 1.9 * np.exp(-((waves / (0.15 * side)) ** 2))
+spectrum = np.fft.rfft2(noise) / np.maximum(waves, 2.0) ** 2.5 * np.exp(-((waves / (0.15 * side)) ** 2))
 height = np.fft.irfft2(spectrum, (side, side))
-height *= side / 12 / np.ptp(height)
+height *= side / 6 / np.ptp(height)
 
 row, column = np.mgrid[:side, :side]
 points = np.column_stack([column.ravel(), row.ravel(), height.ravel()]).astype(float)
