@@ -6,6 +6,7 @@ The slices depend on the length alone, so sums of their results have the same bi
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -15,9 +16,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
 
+from threadpoolctl import ThreadpoolController
+
 Result = TypeVar("Result")
 _SLICE = 1 << 18
 _STRIDE = 64  # parts begin at its multiples, so that loops that take several elements at once take the same ones
+_LIBRARIES: dict[int, ThreadpoolController] = {}  # what was found when so many modules were loaded
 _LIMIT: ContextVar[int | None] = ContextVar("limit", default=None)
 
 
@@ -34,6 +38,27 @@ def processor_count() -> int:
     """Processors this process may use, here."""
     there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return min(there, _LIMIT.get() or there)
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Let BLAS use one thread inside, in all of this process.
+
+    Looking for the libraries takes 3 ms, so it is done again only where modules were loaded since, or one was told of.
+    """
+    known = len(sys.modules)
+    controller = _LIBRARIES.get(known)
+    if controller is None:
+        controller = ThreadpoolController()
+        _LIBRARIES.clear()
+        _LIBRARIES[known] = controller
+    with controller.limit(limits=1):
+        yield
+
+
+def library_loaded() -> None:
+    """Tell that a library with threads was loaded by other means than a module."""
+    _LIBRARIES.clear()
 
 
 @contextmanager

@@ -192,15 +192,14 @@ def _taken_in(source_of: Callable[[], Mesh | Source], method: Method, options: O
     if options.opens:
         with clock.stage("cut"):
             taken = _cut_open(taken, mended)
-    with clock.stage("check"):
-        topology, mended, target = taken.topology, taken.mended, asked_for.chosen(taken.topology)
-        if options.centre is not None:
-            options = replace(options, centre=given.vertex_now(options.centre))
-        check_options(options, given.mesh, target)
-        options = _renumbered(options, mended)
-        check_centre_is_inside(options.centre, topology, target)
-        cuts = None if options.cuts is None else given.vertices_now(read_cuts(options.cuts))
-        return replace(taken, chosen=target, options=options, cuts=cuts)
+    topology, mended, target = taken.topology, taken.mended, asked_for.chosen(taken.topology)
+    if options.centre is not None:
+        options = replace(options, centre=given.vertex_now(options.centre))
+    check_options(options, given.mesh, target)
+    options = _renumbered(options, mended)
+    check_centre_is_inside(options.centre, topology, target)
+    cuts = None if options.cuts is None else given.vertices_now(read_cuts(options.cuts))
+    return replace(taken, chosen=target, options=options, cuts=cuts)
 
 
 def _cut_open(taken: _Taken, whole: Mended) -> _Taken:

@@ -35,7 +35,7 @@ FIGURES = FOLDER / "figures.json"
 REAL = {  # files of the folder of meshes that examples show
     "brain": ("closed/brain.ply",),
     "statue": ("closed/armadillo.ply",),
-    "picture": ("open/igea_disk.ply",),
+    "picture": ("open/max_planck_disk.ply",),
     "remesh": ("open/human_face.ply",),
     "transfer": ("closed/david_head.ply", "closed/max_planck.ply"),
 }

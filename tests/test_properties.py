@@ -120,7 +120,7 @@ def test_random_disks_have_maps_without_folds(target):
 
 
 def test_random_spheres_have_maps_without_folds():
-    @often(15)
+    @often(8)
     @given(spheres(), st.integers(2, 12), st.integers(0, 5))
     def run(mesh, patches, seed):
         check(mesh, "sphere", patches, seed)

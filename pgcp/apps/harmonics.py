@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from pgcp.apps.base import App, Call, Group, Made, add_mesh, folds_said, map_record
 from pgcp.apps.common.at_vertices import joined, on_the_map, read_values
 from pgcp.errors import InputError, NumericalError
 from pgcp.io.write import mesh_files
 from pgcp.options import AUTO
+from pgcp.parallel import one_blas_thread
 from pgcp.plane.real_harmonics import degree_and_order, fitted, power_by_degree, real_harmonics
 from pgcp.result import Result
 from pgcp.surface.elements import lumped_areas
@@ -102,7 +102,7 @@ def expand(result: Result, degree: int | None = None, values: Any = None, names:
     spread = np.sqrt(areas @ (table - middle) ** 2 / areas.sum())
     scale = np.where(spread > 0.0, spread, 1.0)
     scale[:3] = max(float(np.linalg.norm(spread[:3])), 1e-300)
-    with threadpool_limits(1):  # the same bits for any number of processors
+    with one_blas_thread():  # the same bits for any number of processors
         fit = fitted(degree, surface.image, areas, (table - middle) / scale)
     if not fit.condition < _HOPELESS:
         raise NumericalError(f"degree {degree} cannot be fitted: the map squeezes too much of the surface; choose a lower one")

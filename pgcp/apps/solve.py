@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from pgcp.apps.base import App, Call, Group, Made, add_mesh, folds_said, map_record
 from pgcp.apps.common.at_vertices import Joined, field_files, joined, on_the_map, read_values
 from pgcp.errors import InputError
 from pgcp.options import AUTO
+from pgcp.parallel import one_blas_thread
 from pgcp.plane.sphere_grid import HarmonicDomain, SphereGrid
 from pgcp.result import Result
 from pgcp.runtime.executors import Progress, silent
@@ -119,7 +119,7 @@ def solve(
         domain: Domain = _harmonic(result, surface, masses, degree, said)
     else:
         domain = _flat(surface, masses, held, degree, said)
-    with threadpool_limits(1):  # vectors are too short for threads of BLAS, which wait for each other
+    with one_blas_thread():  # vectors are too short for threads of BLAS, which wait for each other
         by_map, by_surface = (
             _solved(asked, constants, each, start, time, steps, partial(progress, name))
             for name, each in (("on the map", domain), ("on the surface", own))

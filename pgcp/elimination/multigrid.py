@@ -11,9 +11,9 @@ from types import ModuleType
 
 import numpy as np
 from scipy.sparse import csr_array, csr_matrix
-from threadpoolctl import threadpool_limits
 
 from pgcp.errors import InputError, SolveFailedError
+from pgcp.parallel import one_blas_thread
 from pgcp.types import FloatArray
 
 TOLERANCE = 1e-11
@@ -61,7 +61,7 @@ class MultigridSolver:
             self._last = np.zeros_like(loads)
         columns = []
         for column, start in zip(loads, self._last, strict=True):
-            with threadpool_limits(1):  # vectors are too short for threads of BLAS, which wait for each other
+            with one_blas_thread():  # vectors are too short for threads of BLAS, which wait for each other
                 x, failed = cg(
                     self._matrix, column, start, rtol=TOLERANCE, atol=0.0, maxiter=MOST_ITERATIONS, M=self._preconditioner
                 )  # fmt: skip

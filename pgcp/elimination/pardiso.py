@@ -14,6 +14,7 @@ import numpy as np
 from scipy.sparse import csr_array, triu
 
 from pgcp.errors import SolveFailedError
+from pgcp.parallel import library_loaded
 from pgcp.types import ComplexArray, FloatArray, IntArray
 
 _SYMMETRIC_INDEFINITE = -2
@@ -40,6 +41,7 @@ def runtime() -> Any:
                     library = ctypes.CDLL(str(path))
                 except OSError:
                     continue
+                library_loaded()
                 return library
     return None
 

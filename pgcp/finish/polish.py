@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from pgcp.elimination.elements import SquaresSolver
 from pgcp.errors import SolveFailedError
+from pgcp.parallel import one_blas_thread
 from pgcp.plane.space import Space, find_folds
 from pgcp.surface.distortion import angle_error_slice, corner_angles
 from pgcp.surface.operators import face_areas
@@ -320,7 +320,7 @@ def polish(
     on_circle = np.zeros(len(used), bool)
     on_circle[number[boundary]] = not is_free
     steps = 0
-    with threadpool_limits(1):
+    with one_blas_thread():
         work = _Work(part, space.in_space(positions)[used], on_circle, space.closed, aim.power)
         try:
             for _ in range(aim.steps):

@@ -18,6 +18,7 @@ from pgcp.types import ComplexArray, FloatArray
 
 _STEPS = 300
 _NEAREST = 1e-15
+_LARGE = 1e150
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +39,10 @@ class HalfPlane:
         u = self.x[1:] - a
         first = 2.0 * np.arctan2(b, -u[0])
         last = 2.0 * np.arctan2(b, u[-1])
-        gaps = 2.0 * np.arctan2(b * self.steps, u[:-1] * u[1:] + b * b)
+        steps, size = self.steps, max(b, float(np.abs(u).max()))
+        if size > _LARGE:  # products would be infinite
+            u, b, steps = u / size, b / size, steps / size
+        gaps = 2.0 * np.arctan2(b * steps, u[:-1] * u[1:] + b * b)
         return np.concatenate([[first], gaps, [last]])
 
     def circle(self, centre: complex) -> ComplexArray:

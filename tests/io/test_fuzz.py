@@ -139,7 +139,7 @@ def test_spoiled_files_through_the_command(kind, tmp_path, monkeypatch, capsys):
 
     statuses: list[int] = []
 
-    @often(40)
+    @often(20)
     @example(GOOD[kind][0])
     @given(spoiled(kind))
     def check(data):

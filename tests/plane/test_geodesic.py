@@ -134,3 +134,10 @@ def test_a_gap_that_is_lost_in_rounding_does_not_stop_the_search_for_room():
     centre = roomiest_centre(plane, groups, far)
     assert np.isfinite(centre)
     assert centre.imag > 0.0
+
+
+def test_gaps_do_not_depend_on_how_large_the_half_plane_is():
+    x = np.array([-np.inf, -2.0, -0.5, 1.0, 4.0])
+    one = HalfPlane(x, np.diff(x[1:]), np.array([0.5 + 1j]))
+    far = HalfPlane(x * 1e200, np.diff(x[1:]) * 1e200, one.inside * 1e200)
+    assert np.allclose(far.circle_gaps(complex(far.inside[0])), one.circle_gaps(0.5 + 1j), atol=1e-14)

@@ -34,6 +34,8 @@ GIVEN = {  # what makes each example small, and what it must say
     "resume": (["open.ply"], r"killed when \d+ of 12 patches were solved\nthe maps are equal to the last bit"),
 }
 
+LONG = {"scan", "methods", "cluster", "speedup", "resume", "transfer", "morph"}
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
@@ -52,7 +54,7 @@ def test_every_example_is_tested_and_on_the_page():
     assert known == set(re.findall(r"images/gallery/(\w+)\.png", page))
 
 
-@pytest.mark.parametrize("name", GIVEN)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] if name in LONG else []) for name in GIVEN])
 def test_an_example_runs_and_draws(name, folder):
     assert len((FOLDER / f"{name}.py").read_text().splitlines()) < 40
     arguments, said = GIVEN[name]

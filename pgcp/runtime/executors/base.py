@@ -10,11 +10,9 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from threadpoolctl import threadpool_limits
-
 from pgcp.errors import LostFileError, SolveFailedError
 from pgcp.options import Running
-from pgcp.parallel import limited_to, processor_count
+from pgcp.parallel import limited_to, one_blas_thread, processor_count
 from pgcp.runtime.executors.work import Item, Joining, JoinTree, Result, Speculation, Tasks, ignore
 
 Progress = Callable[[str, int, int], None]
@@ -128,7 +126,7 @@ class Executor(AbstractContextManager["Executor"], ABC):
 
     def compute(self, stage: str, function: Callable[[Item], Result], item: Item) -> Result:
         """Do one task in this process and count it. BLAS has one thread, as on all executors: results have the same bits."""
-        with threadpool_limits(1):
+        with one_blas_thread():
             return self.counted(stage, *timed(function, item))
 
     def counted(self, stage: str, span: Span, result: Result | MemoryError, worker: int = 0) -> Result:

@@ -9,10 +9,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, NamedTuple
 
-from threadpoolctl import threadpool_limits
-
 from pgcp.errors import InputError, SolveFailedError, StoppedError
-from pgcp.parallel import limited_to
+from pgcp.parallel import limited_to, one_blas_thread
 from pgcp.runtime.executors.base import Span
 from pgcp.runtime.executors.connection import Connection
 from pgcp.runtime.executors.work import Joining
@@ -157,7 +155,7 @@ def _run_located(function: Callable[[Any], Any], item: Any, processors: int) -> 
     from distributed import get_worker
 
     begin, start = time.time(), time.perf_counter()
-    with threadpool_limits(1), limited_to(processors):
+    with one_blas_thread(), limited_to(processors):
         result = function(item)
     return get_worker().address, Span(begin, time.perf_counter() - start), result
 

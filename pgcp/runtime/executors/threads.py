@@ -8,10 +8,8 @@ from contextvars import copy_context
 from functools import partial
 from typing import Any
 
-from threadpoolctl import threadpool_limits
-
 from pgcp.options import Running
-from pgcp.parallel import processor_count
+from pgcp.parallel import one_blas_thread, processor_count
 from pgcp.runtime.executors.base import Executor, ExecutorKind, Progress, Span, Take, silent, timed
 from pgcp.runtime.executors.work import Joining, Tasks
 
@@ -47,7 +45,7 @@ class LocalExecutor(Executor):
     def _compute(self, stage: str, calls: Sequence[tuple[Callable[[Any], Any], Any]], take: Take) -> None:
         """Call functions with their items, and ``take`` with the position and the result of each when it arrives."""
         threads = min(self._at_once, len(calls))
-        with threadpool_limits(1):
+        with one_blas_thread():
             if threads < 2:
                 for k, call in enumerate(calls):
                     take(k, self.counted(stage, *timed(*call)))
