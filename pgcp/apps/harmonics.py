@@ -16,7 +16,7 @@ from pgcp.apps.common.at_vertices import joined, on_the_map, read_values
 from pgcp.errors import InputError, NumericalError
 from pgcp.io.write import mesh_files
 from pgcp.options import AUTO
-from pgcp.plane.real_harmonics import degree_and_order, fitted, power_by_degree, real_harmonics
+from pgcp.plane.harmonics import at_points, degree_and_order, fitted, power_by_degree
 from pgcp.result import Result
 from pgcp.surface.elements import lumped_areas
 from pgcp.surface.operators import face_areas
@@ -26,7 +26,6 @@ from pgcp.types import FloatArray, Mesh
 _USUAL, _MOST = 20, 80  # degrees
 _VERTICES = 4  # for each harmonic, where no degree is asked for
 _BAD, _HOPELESS = 1e8, 1e14  # conditions of fits whose single coefficients mean little, or that there are none of
-_ROWS = 4096
 _CONVENTION = (
     "real, orthonormal on the unit sphere, without the Condon-Shortley factor: m >= 0 goes with cos(m phi), m < 0 with "
     "sin(-m phi); l^2 + l + m is the place of l, m"
@@ -66,13 +65,6 @@ class Expansion:
     def reconstructed(self, degree: int | None = None) -> FloatArray:
         """Places and values (V, 3 + C) of the mesh's vertices by harmonics up to a degree, the highest if not given."""
         return at_points(self.coefficients_of(self.degree if degree is None else degree), self._sphere)
-
-
-def at_points(coefficients: FloatArray, points: FloatArray) -> FloatArray:
-    """Values (N, C) at unit vectors (N, 3) of functions with coefficients ((L + 1)^2, C)."""
-    degree = round(len(coefficients) ** 0.5) - 1
-    parts = [real_harmonics(degree, points[k : k + _ROWS]) @ coefficients for k in range(0, len(points), _ROWS)]
-    return np.concatenate(parts)
 
 
 def expand(result: Result, degree: int | None = None, values: Any = None, names: tuple[str, ...] = ()) -> Expansion:

@@ -12,7 +12,7 @@ from meshes import grid, icosphere, lifted, spheroid
 import pgcp
 from pgcp.apps.harmonics import expand
 from pgcp.cli.apps import main
-from pgcp.plane.real_harmonics import real_harmonics
+from pgcp.plane.harmonics import real_harmonics
 from pgcp.result import Result
 
 

@@ -13,7 +13,7 @@ from PIL import Image
 import pgcp
 from pgcp.apps.solve import needed_degree, solve
 from pgcp.cli.apps import main
-from pgcp.plane.real_harmonics import real_harmonics
+from pgcp.plane.harmonics import real_harmonics
 from pgcp.result import Result
 from pgcp.surface.elements import Elements, lumped_areas
 from pgcp.surface.equations import EQUATIONS, Constants, evolve, rise_of

@@ -10,7 +10,7 @@ import numpy as np
 
 from pgcp.errors import InputError
 from pgcp.plane import align
-from pgcp.plane.harmonics import harmonic_coefficients, measure_coefficients, sphere_grid
+from pgcp.plane.harmonics import projected, sphere_grid
 from pgcp.plane.locate import Places
 from pgcp.plane.space import PLANE
 from pgcp.result import Result
@@ -144,9 +144,9 @@ class _Ball:
 
     def turns(self, other: _Ball) -> list[FloatArray]:
         """See _Domain."""
-        grid = sphere_grid(_DEGREE)
-        values = [harmonic_coefficients(each.at(grid), _DEGREE) for each in (self, other)]
-        areas = [measure_coefficients(each.points, each.areas, _DEGREE) for each in (self, other)]
+        grid, weights = sphere_grid(_DEGREE)
+        values = [projected(_DEGREE, grid, weights * each.at(grid)) for each in (self, other)]
+        areas = [projected(_DEGREE, each.points, each.areas) for each in (self, other)]
         return [turn for one, two in (values, areas) for turn in align.turns_of_sphere(one, two, _TRIED)]
 
     def finer(self, other: _Ball, start: FloatArray, sample: IntArray, most: int) -> tuple[FloatArray, float]:
