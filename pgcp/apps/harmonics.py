@@ -12,8 +12,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from pgcp.apps.base import App, Call, Group, Made, add_mesh, folds_said, map_record
-from pgcp.apps.common.at_vertices import joined, on_the_map, read_values
+from pgcp.apps.common.joined import joined
+from pgcp.apps.common.values import checked, of_input, source_of
 from pgcp.errors import InputError, NumericalError
+from pgcp.io.values import VALUE_FILES, read_values, table_of
 from pgcp.io.write import mesh_files
 from pgcp.options import AUTO
 from pgcp.plane.harmonics import at_points, degree_and_order, fitted, power_by_degree
@@ -80,7 +82,8 @@ def expand(result: Result, degree: int | None = None, values: Any = None, names:
     """
     if not TARGETS.get(result.target).space.closed:
         raise InputError("spherical harmonics are of closed surfaces mapped to the sphere, and this map goes to the plane")
-    surface, given = joined(result), _table(values, len(result.mesh.vertices))
+    surface, whole = joined(result), len(result.mesh.vertices)
+    given = np.zeros((whole, 0)) if values is None else checked(values, result, most=2).reshape(whole, -1).astype(np.float64)
     count = len(surface.vertices)
     if degree is None:
         degree = max(min(_USUAL, int((count / _VERTICES) ** 0.5) - 1), 1)
@@ -112,18 +115,6 @@ def expand(result: Result, degree: int | None = None, values: Any = None, names:
     return Expansion(last, labels, errors, sizes, np.column_stack(powers), fit.condition, tuple(fits), result.coordinates)
 
 
-def _table(values: Any, count: int) -> FloatArray:
-    """Values as (V, C); raises InputError where they are something else."""
-    if values is None:
-        return np.zeros((count, 0))
-    found = np.asarray(values)
-    if found.dtype.kind not in "iuf" or found.shape[:1] != (count,) or len(found.shape) > 2:
-        raise InputError(f"values have shape {found.shape} and type {found.dtype}, expected ({count},) or ({count}, C) numbers")
-    if not np.isfinite(found).all():
-        raise InputError("values hold what is no finite number")
-    return found.reshape(count, -1).astype(np.float64)
-
-
 # The command ------------------------------------------------------------------------------------------------------------------
 
 
@@ -133,7 +124,7 @@ def _ask(group: Group) -> None:
         "--degree", type=int, metavar="L", help=f"the highest (default {_USUAL}, less where there are few vertices)"
     )
     group.add_argument(
-        "--values", type=Path, metavar="FILE", help="values at the mesh's vertices, a line each, or .npy: expanded too"
+        "--values", type=Path, metavar="FILE", help=f"values at the mesh's vertices, expanded too: {VALUE_FILES}"
     )
 
 
@@ -141,11 +132,12 @@ def _run(call: Call) -> Made:
     asked = call["degree"]
     if asked is not None and not 0 <= asked <= _MOST:
         raise InputError(f"--degree is {asked}; it must be from 0 to {_MOST}")
-    given = None if call["values"] is None else read_values(call["values"])
+    source, count = source_of(call["mesh"])
+    given = read_values(call["values"], count) if call["values"] else {}
     moebius = {"moebius": "area"} if call.options.moebius == AUTO else {}
-    result = call.mapped(call["mesh"], _closed_target(), **moebius)
+    result = call.mapped(source, _closed_target(), **moebius)
     call.shown("expand", 0, 0)
-    expansion = expand(result, asked, None if given is None else on_the_map(given, result, str(call["values"])))
+    expansion = expand(result, asked, table_of(of_input(result, given)) if given else None)
     call.shown("expand", 1, 1)
     return _made(result, expansion)
 

@@ -15,9 +15,8 @@ from pgcp.apps.base import App, Call, Group, Made, folds_said, map_record
 from pgcp.apps.common.matching import MOEBIUS, Correspondence, alignment_line, diagonal, matched, vertex_areas
 from pgcp.apps.common.pairs import add_pair, landmarks_now, landmarks_of, pair_of
 from pgcp.apps.common.picture import Panel, as_png, checkers_of, pixels_of, side_by_side, turned_box
-from pgcp.apps.common.values import colours_of, own_values, ply_of
+from pgcp.apps.common.values import colours_in, mesh_with, own_colours
 from pgcp.errors import InputError
-from pgcp.io.given import COLOURS, has_colours
 from pgcp.io.write import mesh_files
 from pgcp.plane.align import rigid_motion
 from pgcp.report.picture import view_rotation
@@ -120,12 +119,6 @@ def _size(points: FloatArray, weights: FloatArray) -> float:
 # Files and figures ------------------------------------------------------------------------------------------------------------
 
 
-def _colours(done: Morph) -> dict[str, np.ndarray]:
-    """Colours of the vertices of a: its own, or none."""
-    own = own_values(done.match.a)
-    return {name: own[name] for name in COLOURS} if has_colours(own) else {}
-
-
 def _meshes(name: str, done: Morph, contents: Callable[[str, Mesh], dict[str, bytes]]) -> dict[str, bytes]:
     """A file for every shape: ``_00`` before the ending, ``_01`` and so on."""
     stem, _, ending = name.rpartition(".")
@@ -159,7 +152,7 @@ class _Drawing:
         rotation, used = view_rotation(a.mesh.vertices, a.faces), np.unique(a.faces)
         weights = vertex_areas(a.mesh.vertices, a.faces)
         box = turned_box([_of_size(still, share, weights)[used] for share in (0.0, 1.0)], rotation)
-        own = colours_of(_colours(done))
+        own = colours_in(own_colours(done.match.a))
         return cls(still, weights, rotation, box, checkers_of(a, rotation) if own is None else own)
 
     def panel(self, share: float, caption: str = "") -> Panel:
@@ -207,7 +200,7 @@ def _run(call: Call) -> Made:
         a, b, steps=call["steps"], in_place=call["in_place"], any_size=call["any_size"],
         landmarks=landmarks_now(landmarks, (a, b)), fit=call["fit"],
     )  # fmt: skip
-    lost, colours = done.detail_lost(), _colours(done)
+    lost, colours = done.detail_lost(), own_colours(done.match.a)
     call.shown("align", 1, 1)
     record = {
         "a": map_record(a),
@@ -218,7 +211,7 @@ def _run(call: Call) -> Made:
         "detail_lost": lost,
     }
     files = {
-        ".ply": lambda name: _meshes(name, done, lambda each, mesh: {each: ply_of(mesh, colours)}),
+        ".ply": lambda name: _meshes(name, done, lambda each, mesh: mesh_with(each, mesh, colours)),
         ".obj": lambda name: _meshes(name, done, mesh_files),
         ".npz": lambda name: _npz(name, done),
         ".gif": lambda name: _animation(name, done),

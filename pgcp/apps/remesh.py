@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgcp.apps.base import App, Call, Group, Made, add_mesh, map_record
+from pgcp.apps.common.joined import joined
+from pgcp.apps.common.values import carried, carried_columns, own_colours
 from pgcp.errors import FoldError, InputError, NumericalError
 from pgcp.finish.lattice import quads_of_plane, quads_of_sphere
 from pgcp.finish.resample import Resampled, Sheet, resampled
 from pgcp.finish.shape import hausdorff_distance, shape_record
 from pgcp.finish.unit_square import upright_angle
 from pgcp.io.formats import VERTICES, writable
-from pgcp.io.given import COLOURS, GivenParts, given_parts, has_colours
+from pgcp.io.given import GivenParts
 from pgcp.io.write import mesh_files
 from pgcp.options import AUTO
 from pgcp.plane.curves import crosses_itself
@@ -104,15 +106,11 @@ def _sheet(result: Result) -> Sheet:
     if result.quality.folds:
         raise FoldError(fold_message(result), result)
     space = TARGETS.get(result.target).space
-    point_of = np.arange(len(result.mesh.vertices)) if result.origin is None else result.origin.point_of
-    used, faces = np.unique(point_of[result.faces], return_inverse=True)
-    first = np.empty(int(point_of.max()) + 1, np.int64)
-    first[point_of[::-1]] = np.arange(len(point_of))[::-1]
-    faces = faces.reshape(-1, 3).astype(np.int32)
-    topology = examine(faces, len(used))
+    surface = joined(result)
+    topology = examine(surface.faces, len(surface.vertices))
     if not topology.fits(space.closed):
         raise InputError(f"{result.mesh.name} is {topology.describe()}; one surface without holes can be remeshed")
-    sheet = Sheet(result.mesh.vertices[first[used]], faces, result.coordinates[first[used]], space)
+    sheet = Sheet(surface.vertices, surface.faces, surface.image, space)
     if sheet.rim is not None and crosses_itself(PLANE.positions(sheet.rim.image)):
         raise NumericalError("the map overlaps itself; --no-overlap, or --target disk, gives one that does not")
     return sheet
@@ -163,16 +161,11 @@ def _mapped_area(sheet: Sheet) -> float:
 
 def _colours(result: Result, image: FloatArray) -> Columns:
     """Colours of the input at places of the map, in the type that they have there; none where it has none."""
-    given = given_parts(result.origin, result.faces)
-    if given is None or not has_colours(given.of_vertices) or not len(image):
+    own = own_colours(result)
+    if not own or not len(image):
         return {}
-    found = result.inverse(image)
-    out: Columns = {}
-    for name in COLOURS:
-        values = given.of_vertices[name]
-        mixed = np.einsum("nk,nk->n", found.weights, values[result.faces[found.faces]].astype(np.float64))
-        out = {**out, name: (np.rint(mixed) if values.dtype.kind in "iu" else mixed).astype(values.dtype)}
-    return out
+    places = result.inverse(image)
+    return carried_columns(own, lambda values: carried(values, result.faces, places))
 
 
 def record_of(before: Mesh, made: Remeshed) -> dict[str, Any]:

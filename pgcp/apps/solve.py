@@ -12,8 +12,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from pgcp.apps.base import App, Call, Group, Made, add_mesh, folds_said, map_record
-from pgcp.apps.common.at_vertices import Joined, field_files, joined, on_the_map, read_values
+from pgcp.apps.common.joined import Joined, joined
+from pgcp.apps.common.values import checked, mesh_with, of_input, source_of
 from pgcp.errors import InputError
+from pgcp.io.values import VALUE_FILES, read_values, table_of
 from pgcp.options import AUTO
 from pgcp.plane.sphere_grid import HarmonicDomain, SphereGrid
 from pgcp.result import Result
@@ -113,7 +115,8 @@ def solve(
     if source is None:
         start = _start(asked, constants, Elements(vertices, surface.faces, masses), vertices, rim, mean_edge, seed)
     else:
-        start = _given(source, surface, asked, len(result.mesh.vertices))
+        kinds, kind = ("iufbc", np.complex128) if asked.is_complex else ("iufb", np.float64)
+        start = checked(source, result, "values of the source", kinds).astype(kind)[surface.first]
     said: dict[str, Any] = {}
     if closed:
         domain: Domain = _harmonic(result, surface, masses, degree, said)
@@ -211,16 +214,6 @@ def _start(
         points[place] += sign / own.areas[place]
     field = own.smoothed(points, 4.0 * edge)
     return np.asarray(field if asked.is_steady else field / max(float(np.abs(field).max()), 1e-300))
-
-
-def _given(source: Any, surface: Joined, asked: Equation, count: int) -> Field:
-    """Values (n,) of a source (V,)."""
-    values = np.asarray(source)
-    if values.shape != (count,) or values.dtype.kind not in ("iufc" if asked.is_complex else "iuf"):
-        raise InputError(f"source has shape {values.shape} and type {values.dtype}, expected ({count},) numbers")
-    if not np.isfinite(values).all():
-        raise InputError("source holds what is no finite number")
-    return values.astype(np.complex128 if asked.is_complex else np.float64)[surface.first]
 
 
 def needed_degree(result: Result) -> int:
@@ -350,7 +343,7 @@ def _ask(group: Group) -> None:
         "--source",
         type=Path,
         metavar="FILE",
-        help="values at the mesh's vertices, a line each, or .npy: the right side of poisson, else where the solution starts",
+        help=f"values at the mesh's vertices: the right side of poisson, else where the solution starts; {VALUE_FILES}",
     )
     group.add_argument(
         "--boundary-condition",
@@ -368,14 +361,15 @@ def _run(call: Call) -> Made:
     asked = equation_of(call["equation"])
     _steps(asked, call["time"], call["step"])
     _constants(asked, call["epsilon"], call["alpha"], call["beta"], 1.0)
-    given = None if call["source"] is None else read_values(call["source"])
+    mesh, count = source_of(call["mesh"])
+    given = read_values(call["source"], count) if call["source"] else {}
     moebius = {"moebius": "area"} if call.options.moebius == AUTO else {}
-    result = call.mapped(call["mesh"], **moebius)
+    if given and (width := table_of(given).shape[-1]) > (2 if asked.is_complex else 1):
+        raise InputError(f"{call['source']}: it holds {width} values a line, more than the equation has")
+    result = call.mapped(mesh, **moebius)
     source = None
-    if given is not None:
-        values = on_the_map(given, result, str(call["source"]))
-        if values.shape[-1] > (2 if asked.is_complex else 1):
-            raise InputError(f"{call['source']}: it holds {values.shape[-1]} values a line, more than the equation has")
+    if given:
+        values = table_of(of_input(result, given))
         source = values @ [1.0, 1.0j] if values.shape[-1] > 1 else values[:, 0]
     names = ("epsilon", "alpha", "beta", "time", "step", "degree")
     solution = solve(
@@ -419,7 +413,8 @@ def _made(result: Result, solution: Solution) -> Made:
 
     def fields(name: str) -> dict[str, bytes]:
         """The surface with the fields."""
-        return field_files(name, result, {"w": solution.values, "w_surface": solution.on_surface})
+        columns = {"w": solution.values, "w_surface": solution.on_surface}
+        return mesh_with(name, result.mesh, columns, **{result.coordinates_name: result.coordinates})
 
     files = {
         ".npz": npz,

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pgcp.apps.base import App, Call, Group, Made, add_mesh, folds_said, map_record
+from pgcp.apps.common.values import colours_in, own_values
 from pgcp.errors import InputError
 from pgcp.finish.texels import TexelDensity, at_places, edges_in_texels, heights_in_texels, texel_density, within_square
-from pgcp.io.given import COLOURS, as_unit, given_parts, has_colours
+from pgcp.io.given import COLOURS
 from pgcp.io.write import map_files
 from pgcp.report.chart import Axis, Scale
 from pgcp.report.panels import Seen, panel, sheet_of
@@ -142,10 +143,10 @@ def baked(result: Result, size: tuple[int, int] | None = None, colours: FloatArr
 
 def colours_of(result: Result) -> FloatArray:
     """Colours (V, 3) from 0 to 1 that the input has at its vertices; raises InputError where it has none."""
-    given = given_parts(result.origin, result.faces)
-    if given is None or not has_colours(given.of_vertices):
+    found = colours_in(own_values(result))
+    if found is None:
         raise InputError(f"{result.mesh.name} has no colours at its vertices that could be baked into a texture")
-    return as_unit(given.of_vertices)
+    return found
 
 
 def baked_error(made: Textured, colours: FloatArray) -> dict[str, float]:

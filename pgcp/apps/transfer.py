@@ -16,17 +16,18 @@ from pgcp.apps.common.pairs import add_pair, landmarks_now, landmarks_of, pair_o
 from pgcp.apps.common.picture import Panel, as_png, limits_of, side_by_side
 from pgcp.apps.common.values import (
     carried_columns,
-    colours_of,
+    checked,
+    colours_in,
     first_field,
     flat_columns,
+    mesh_with,
     of_input,
     own_values,
     place_colours,
-    ply_of,
 )
 from pgcp.errors import InputError
 from pgcp.io.text import as_lines
-from pgcp.io.values import read_values
+from pgcp.io.values import VALUE_FILES, read_values
 from pgcp.plane.align import rigid_motion
 from pgcp.report.picture import view_rotation
 from pgcp.result import Result
@@ -99,15 +100,7 @@ def transfer(
 
 def _arrays(result: Result, values: Mapping[str, Any] | None) -> dict[str, np.ndarray]:
     """Values as arrays; raises InputError where there is not one for every vertex, or one is no finite number."""
-    count, found = len(result.mesh.vertices), {name: np.asarray(each) for name, each in (values or {}).items()}
-    for name, each in found.items():
-        if each.dtype.kind not in "iufb" or each.shape[:1] != (count,):
-            raise InputError(
-                f"values {name!r} have shape {each.shape} and type {each.dtype}, but {result.mesh.name} has {count} vertices"
-            )
-        if not np.isfinite(each).all():
-            raise InputError(f"values {name!r} of {result.mesh.name} hold what is no finite number")
-    return found
+    return {name: checked(each, result, f"values {name!r}", most=2) for name, each in (values or {}).items()}
 
 
 # Files and figures ------------------------------------------------------------------------------------------------------------
@@ -158,10 +151,10 @@ def _shown(columns: Columns, of_places: Columns) -> tuple[FloatArray, tuple[floa
     field = first_field(columns)
     if field is not None:
         return field[1], limits_of(field[1]), field[0]
-    colours = colours_of(columns)
+    colours = colours_in(columns)
     if colours is not None:
         return colours, None, "colours"
-    found = colours_of(of_places)
+    found = colours_in(of_places)
     assert found is not None
     return found, None, "colours by place"
 
@@ -233,11 +226,11 @@ def _run(call: Call) -> Made:
     files = {
         ".npz": lambda name: _npz(name, done),
         ".csv": lambda name: _csv(name, done),
-        "_b.ply": lambda name: {name: ply_of(b.mesh, on_b)},
+        "_b.ply": lambda name: mesh_with(name, b.mesh, on_b),
         ".png": lambda name: _picture(name, done),
     }
     if done.on_a_values:
-        files["_a.ply"] = lambda name: {name: ply_of(a.mesh, done.on_a_values)}
+        files["_a.ply"] = lambda name: mesh_with(name, a.mesh, done.on_a_values)
     return Made(files, record, _lines(record), folds_said(a) or folds_said(b))
 
 
@@ -246,7 +239,7 @@ def _ask(group: Group) -> None:
     for option, which in (("--values", "first"), ("--values-b", "second")):
         group.add_argument(
             option, type=Path, metavar="FILE",
-            help=f"values at the vertices of the {which} mesh, beside those of its own file: .npz, .csv, .txt, or FreeSurfer's",
+            help=f"values at the vertices of the {which} mesh, beside those of its own file: {VALUE_FILES}",
         )  # fmt: skip
     group.add_argument(
         "--align", choices=(SCALE, VALUES), default=SCALE,

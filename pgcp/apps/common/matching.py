@@ -8,6 +8,7 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
+from pgcp.apps.common.values import carried, checked
 from pgcp.errors import InputError
 from pgcp.plane import align
 from pgcp.plane.harmonics import projected, sphere_grid
@@ -59,18 +60,6 @@ class Correspondence:
     def there_and_back(self, values: Any) -> np.ndarray:
         """Values (V_a, ...) carried to the vertices of b and back to those of a."""
         return self.to_a(self.to_b(values))
-
-
-def carried(values: Any, faces: IntArray, places: Places) -> np.ndarray:
-    """Values (V, ...) at vertices as values (N, ...) at places on faces (F, 3).
-
-    Numbers are interpolated linearly; whole numbers and truth values are those of the corner with the most weight.
-    """
-    values = np.asarray(values)
-    corners = faces[places.faces]
-    if values.dtype.kind in "iub":
-        return values[np.take_along_axis(corners, places.weights.argmax(axis=1)[:, None], axis=1)[:, 0]]
-    return np.asarray(np.einsum("nk,nk...->n...", places.weights, values[corners]))
 
 
 class _Domain(Protocol):
@@ -251,23 +240,10 @@ def matched(
             raise InputError("to align by values, values of both surfaces are needed")
         given: list[FloatArray | None] = [None, None]
         if values is not None and align_by == VALUES:
-            given = [_checked(each, one) for each, one in zip((a, b), values, strict=True)]
+            given = [checked(one, each).astype(np.float64) for each, one in zip((a, b), values, strict=True)]
         moebius, record = _by_likeness(a, b, given)
         record = {"by": align_by, **record}
     return _corresponding(a, b, moebius, record)
-
-
-def _checked(result: Result, values: Any) -> FloatArray:
-    """Values (V,) as floats; raises InputError where they have another shape or are no finite numbers."""
-    found = np.asarray(values)
-    count = len(result.mesh.vertices)
-    if found.shape != (count,) or found.dtype.kind not in "iufb":
-        raise InputError(
-            f"values of {result.mesh.name} have shape {found.shape} and type {found.dtype}, expected ({count},) numbers"
-        )
-    if not np.isfinite(found).all():
-        raise InputError(f"value {int(np.flatnonzero(~np.isfinite(found))[0])} of {result.mesh.name} is no finite number")
-    return found.astype(np.float64)
 
 
 def _by_likeness(a: Result, b: Result, values: list[FloatArray | None]) -> tuple[ComplexArray, dict[str, Any]]:
