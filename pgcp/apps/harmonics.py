@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from pgcp.apps.base import App, Call, Group, Made, add_mesh, folds_said, map_record
+from pgcp.apps.base import App, Call, Group, Made, add_mesh, folds_said, map_record, npz_file
 from pgcp.apps.common.joined import joined
 from pgcp.apps.common.values import checked, of_input, source_of
 from pgcp.errors import InputError, NumericalError
@@ -200,14 +199,12 @@ def coefficients_json(expansion: Expansion) -> bytes:
 def _made(result: Result, expansion: Expansion) -> Made:
     def npz(name: str) -> dict[str, bytes]:
         """Arrays."""
-        stream = io.BytesIO()
         degrees, orders = degree_and_order(expansion.degree)
-        np.savez(
-            stream, coefficients=expansion.coefficients, degrees=degrees, orders=orders, names=np.array(expansion.names),
+        return npz_file(
+            name, coefficients=expansion.coefficients, degrees=degrees, orders=orders, names=np.array(expansion.names),
             errors=expansion.errors, sizes=expansion.sizes, power=expansion.power, reconstructed=expansion.reconstructed(),
             sphere=result.coordinates,
         )  # fmt: skip
-        return {name: stream.getvalue()}
 
     def mesh(name: str) -> dict[str, bytes]:
         """The reconstructed surface."""
@@ -230,15 +227,16 @@ def _made(result: Result, expansion: Expansion) -> Made:
 
 def picture(result: Result, expansion: Expansion) -> bytes:
     """PNG bytes: the surface, reconstructions at some degrees, and the error and the power by degree."""
-    from pgcp.apps.common.fields import PIXELS, Painter, curves, panel, sheet
+    from pgcp.report.panels import as_png, curves, panel, sheet
+    from pgcp.report.seen import Seen, plain, view_rotation
 
     mesh, size = result.mesh, max(float(expansion.sizes[0]), 1e-300)
-    original = Painter(mesh.vertices, result.faces, PIXELS)
-    panels = [panel("the surface", original.plain())]
+    rotation = view_rotation(mesh.vertices, result.faces)
+    panels = [panel("the surface", Seen.of(mesh.vertices, result.faces, rotation).drawn(plain))]
     top = expansion.degree
     for degree in sorted({max(min(2, top), 0), round(0.4 * top), top}):
         places = expansion.reconstructed(degree)[:, :3]
-        drawn = Painter(places, result.faces, PIXELS, original.rotation).plain()
+        drawn = Seen.of(places, result.faces, rotation).drawn(plain)
         panels.append(panel(f"degree {degree}: error {expansion.errors[degree, 0] / size:.2%} of the size", drawn))
     errors = np.maximum(expansion.errors / np.maximum(expansion.sizes, 1e-300), 1e-16)
     power = np.maximum(expansion.power[:, :1], 1e-32 * float(expansion.power[:, 0].max()))
@@ -249,7 +247,7 @@ def picture(result: Result, expansion: Expansion) -> bytes:
         panels.append(
             curves("power by degree, the same for all turns", "degree", degrees[1:], list(power[1:].T), log=True, dots=6)
         )
-    return sheet(f"{mesh.name}: spherical harmonics up to degree {top}", panels)
+    return as_png(sheet(f"{mesh.name}: spherical harmonics up to degree {top}", panels))
 
 
 APP = App(

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentTypeError
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pgcp.apps.base import App, Call, Group, Made, add_mesh, map_record
+from pgcp.apps.base import App, Call, Group, Made, add_mesh, map_record, number, whole_number
 from pgcp.apps.common.joined import joined
 from pgcp.apps.common.values import carried, carried_columns, own_colours
 from pgcp.errors import FoldError, InputError, NumericalError
 from pgcp.finish.lattice import quads_of_plane, quads_of_sphere
 from pgcp.finish.resample import Resampled, Sheet, resampled
-from pgcp.finish.shape import hausdorff_distance, shape_record
+from pgcp.finish.shape import diagonal, hausdorff_distance, shape_record
 from pgcp.finish.unit_square import upright_angle
 from pgcp.io.formats import VERTICES, writable
 from pgcp.io.given import GivenParts
@@ -24,10 +23,10 @@ from pgcp.options import AUTO
 from pgcp.plane.curves import crosses_itself
 from pgcp.plane.space import PLANE
 from pgcp.polygons.triangulate import triangulated
-from pgcp.report.chart import Scale, linear_axis
-from pgcp.report.panels import Seen, panel, sheet_of
-from pgcp.report.picture import HEAT, view_rotation
+from pgcp.report.chart import Scale
+from pgcp.report.panels import SMALLER, as_png, panel, sheet
 from pgcp.report.record import fold_message
+from pgcp.report.seen import HEAT, Seen, on_faces, view_rotation
 from pgcp.surface.topology import examine
 from pgcp.targets.registry import TARGETS
 from pgcp.types import BoolArray, Columns, FloatArray, IntArray, Mesh, Source
@@ -118,12 +117,12 @@ def _sheet(result: Result) -> Sheet:
 
 def _spacing(mesh: Mesh, sheet: Sheet, edge: float | None, vertices: int | None, quads: bool) -> float:
     """The edge length that is asked for, on the surface; raises InputError where it or the number of vertices is impossible."""
-    diagonal = float(np.linalg.norm(np.ptp(sheet.vertices, axis=0)))
+    length = diagonal(Mesh(sheet.vertices, sheet.faces))
     if edge is not None:
         if not np.isfinite(edge) or edge <= 0.0:
             raise InputError(f"the edge length is {edge}; it must be a number above 0")
-        if edge > diagonal:
-            raise InputError(f"the edge length {edge:g} is longer than {mesh.name}, whose diagonal is {diagonal:.4g}")
+        if edge > length:
+            raise InputError(f"the edge length {edge:g} is longer than {mesh.name}, whose diagonal is {length:.4g}")
         if sheet.count_for(edge) > _MOST:
             raise InputError(f"edges of length {edge:g} make {sheet.count_for(edge):,} vertices; at most {_MOST:,} are made")
         return edge
@@ -171,8 +170,7 @@ def _colours(result: Result, image: FloatArray) -> Columns:
 def record_of(before: Mesh, made: Remeshed) -> dict[str, Any]:
     """Figures of both meshes, and how far they are apart: sampled as ``pgcp.finish.shape.hausdorff_distance`` says."""
     one, two = hausdorff_distance(before, made.mesh)
-    used = before.vertices[np.unique(before.faces)]
-    diagonal = float(np.linalg.norm(np.ptp(used, axis=0)))
+    length = diagonal(before)
     offsets = made.source.offsets
     sizes = np.full(len(made.mesh.faces), 3) if offsets is None else np.diff(offsets)
     return {
@@ -184,7 +182,7 @@ def record_of(before: Mesh, made: Remeshed) -> dict[str, Any]:
         "from_before": one,
         "from_after": two,
         "hausdorff": max(one, two),
-        "hausdorff_of_diagonal": max(one, two) / diagonal if diagonal > 0.0 else 0.0,
+        "hausdorff_of_diagonal": max(one, two) / length if length > 0.0 else 0.0,
     }
 
 
@@ -209,28 +207,21 @@ def _said(record: dict[str, Any]) -> tuple[str, ...]:
 
 def drawn(before: Mesh, made: Remeshed) -> bytes:
     """PNG bytes: both meshes in colours of the smallest angles of faces, whole and magnified."""
-    from pgcp.report.shade import in_colours
     from pgcp.surface.distortion import corner_angles
 
-    colours = HEAT[::-1]
-    scale = Scale(linear_axis(0.0, 60.0, (0.0, 0.0), 6), colours)
+    scale = Scale.between(0.0, 60.0, HEAT[::-1])
     rotation = view_rotation(before.vertices, before.faces)
     centre = _in_front(before, rotation)
     rows: list[list[Any]] = [[], []]
     for name, mesh, edges in (("before", before, None), ("after", made.mesh, made.edges)):
-        least = np.degrees(corner_angles(mesh.vertices, mesh.faces).min(axis=1)) / 60.0
-
-        def paint(face_ids: IntArray, _weights: FloatArray, least: FloatArray = least) -> np.ndarray:
-            """Colour of the smallest angle."""
-            return in_colours(least[face_ids], colours)
-
-        whole = Seen(mesh, rotation)
+        paint = on_faces(np.degrees(corner_angles(mesh.vertices, mesh.faces).min(axis=1)), scale)
+        whole = Seen.of(mesh.vertices, mesh.faces, rotation)
         near = whole.window(centre, _MAGNIFIED * made.spacing)
         caption = f"{name}: {len(np.unique(mesh.faces)):,} vertices, {len(mesh.faces):,} triangles"
-        rows[0].append(panel(caption, whole.view, whole.lit(paint)))
+        rows[0].append(panel(caption, whole.drawn(paint)))
         words = "magnified; colours: smallest angle of each triangle (degrees)"
-        rows[1].append(panel(words, near.view, near.with_edges(near.lit(paint), edges), scale))
-    return sheet_of(before.name, [*rows[0], *rows[1]], 2)
+        rows[1].append(panel(words, near.drawn(near.with_edges(paint, edges), SMALLER), scale))
+    return as_png(sheet(before.name, [*rows[0], *rows[1]], 2))
 
 
 def _in_front(mesh: Mesh, rotation: FloatArray) -> FloatArray:
@@ -244,27 +235,16 @@ def _in_front(mesh: Mesh, rotation: FloatArray) -> FloatArray:
 
 def _arguments(group: Group) -> None:
     add_mesh(group)
-    group.add_argument("--edge", type=_length, metavar="L", help="length of edges on the surface, in the mesh's unit")
+    group.add_argument("--edge", type=number, metavar="L", help="length of edges on the surface, in the mesh's unit")
     group.add_argument(
-        "--vertices", type=_count, metavar="N", help="how many vertices the new mesh is to have (default: as many as before)"
+        "--vertices",
+        type=whole_number,
+        metavar="N",
+        help="how many vertices the new mesh is to have (default: as many as before)",
     )
     group.add_argument(
         "--quads", action="store_true", help="squares of a regular lattice in the map, with triangles along the boundary"
     )
-
-
-def _length(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise ArgumentTypeError(f"{text!r} is no number") from None
-
-
-def _count(text: str) -> int:
-    try:
-        return int(text)
-    except ValueError:
-        raise ArgumentTypeError(f"{text!r} is no whole number") from None
 
 
 def _run(call: Call) -> Made:

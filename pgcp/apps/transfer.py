@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from pgcp.apps.base import App, Call, Group, Made, folds_said, map_record
-from pgcp.apps.common.matching import MOEBIUS, SCALE, VALUES, Correspondence, alignment_line, diagonal, matched, vertex_areas
+from pgcp.apps.base import App, Call, Group, Made, folds_said, map_record, npz_file
+from pgcp.apps.common.matching import MOEBIUS, SCALE, VALUES, Correspondence, alignment_line, matched, spread, vertex_areas
 from pgcp.apps.common.pairs import add_pair, landmarks_now, landmarks_of, pair_of
-from pgcp.apps.common.picture import Panel, as_png, limits_of, side_by_side
 from pgcp.apps.common.values import (
     carried_columns,
     checked,
@@ -26,10 +24,14 @@ from pgcp.apps.common.values import (
     place_colours,
 )
 from pgcp.errors import InputError
+from pgcp.finish.shape import diagonal
 from pgcp.io.text import as_lines
 from pgcp.io.values import VALUE_FILES, read_values
 from pgcp.plane.align import rigid_motion
-from pgcp.report.picture import view_rotation
+from pgcp.report.chart import Scale
+from pgcp.report.panels import SMALLER, as_png, in_rows, panel
+from pgcp.report.raster import PIXELS
+from pgcp.report.seen import FIELD, Seen, at_vertices, view_rotation
 from pgcp.result import Result
 from pgcp.surface.distortion import angle_errors
 from pgcp.types import Columns, FloatArray, IntArray, Mesh
@@ -55,17 +57,13 @@ class Transfer(Correspondence):
         span of its values. Each has "mean", "p95" and "max".
         """
         points, used = self.a.mesh.vertices, np.unique(self.a.faces)
-        away = np.linalg.norm(self.there_and_back(points) - points, axis=1)[used] / diagonal(self.a)
+        away = np.linalg.norm(self.there_and_back(points) - points, axis=1)[used] / diagonal(self.a.mesh)
         fields = {}
         for name, values in flat_columns(self.a_values).items():
             span = float(np.ptp(values.astype(np.float64))) or 1.0
             back = carried_columns({name: values}, self.there_and_back)[name]
-            fields[name] = _spread(np.abs(back.astype(np.float64) - values)[used] / span)
-        return {"positions": _spread(away), "values": fields}
-
-
-def _spread(errors: FloatArray) -> dict[str, float]:
-    return {"mean": float(errors.mean()), "p95": float(np.quantile(errors, 0.95)), "max": float(errors.max())}
+            fields[name] = spread(np.abs(back.astype(np.float64) - values)[used] / span)
+        return {"positions": spread(away), "values": fields}
 
 
 def transfer(
@@ -120,9 +118,7 @@ def _npz(name: str, done: Transfer) -> dict[str, bytes]:
         }
     arrays |= {f"on_b_{key}": values for key, values in done.on_b_values.items()}
     arrays |= {f"on_a_{key}": values for key, values in done.on_a_values.items()}
-    stream = io.BytesIO()
-    np.savez_compressed(stream, **arrays)
-    return {name: stream.getvalue()}
+    return npz_file(name, **arrays)
 
 
 def _vertices_of(result: Result, ids: IntArray) -> IntArray:
@@ -146,11 +142,12 @@ def _csv(name: str, done: Transfer) -> dict[str, bytes]:
     return {name: (",".join([*head, *values]) + "\n").encode() + as_lines(b"", np.ascontiguousarray(rows), b",")}
 
 
-def _shown(columns: Columns, of_places: Columns) -> tuple[FloatArray, tuple[float, float] | None, str]:
-    """What is drawn: the first values that are no colours, else colours, else the colours of places; limits, and their name."""
+def _shown(columns: Columns, of_places: Columns) -> tuple[FloatArray, Scale | None, str]:
+    """What is drawn: the first values that are no colours, else colours, else colours of places; a scale, and their name."""
     field = first_field(columns)
     if field is not None:
-        return field[1], limits_of(field[1]), field[0]
+        low, high = (float(each) for each in np.quantile(field[1], [0.01, 0.99]))
+        return field[1], Scale.between(low, high, FIELD, 7), field[0]
     colours = colours_in(columns)
     if colours is not None:
         return colours, None, "colours"
@@ -163,15 +160,19 @@ def _picture(name: str, done: Transfer) -> dict[str, bytes]:
     """Both surfaces, seen from corresponding sides, with the same values."""
     a, b = done.a, done.b
     places = place_colours(a.mesh.vertices)
-    values, limits, called = _shown(done.a_values, places)
+    values, scale, called = _shown(done.a_values, places)
     there, _, _ = _shown(done.on_b_values, carried_columns(places, done.to_b))
     rotation = view_rotation(a.mesh.vertices, a.faces)
     motion, _ = rigid_motion(a.mesh.vertices, done.on_b.points, vertex_areas(a.mesh.vertices, a.faces))
-    panels = [
-        Panel(a.mesh.vertices, a.faces, rotation, values, f"{a.mesh.name}: {called}", limits),
-        Panel(b.mesh.vertices, b.faces, rotation @ motion.T, there, f"{b.mesh.name}: carried there", limits),
-    ]
-    return {name: as_png(side_by_side(panels))}
+    sides = (
+        (a, rotation, values, f"{a.mesh.name}: {called}"),
+        (b, rotation @ motion.T, there, f"{b.mesh.name}: carried there"),
+    )
+    pixels, panels = PIXELS if scale is None else SMALLER, []
+    for one, turned, shown, caption in sides:
+        drawn = Seen.of(one.mesh.vertices, one.faces, turned).drawn(at_vertices(one.faces, shown, scale), pixels)
+        panels.append(panel(caption, drawn, scale))
+    return {name: as_png(in_rows(panels, 2).reduce(2))}
 
 
 def _record(done: Transfer) -> dict[str, Any]:

@@ -10,12 +10,13 @@ import numpy as np
 
 from pgcp.apps.common.values import carried, checked
 from pgcp.errors import InputError
+from pgcp.finish.shape import diagonal
 from pgcp.plane import align
 from pgcp.plane.harmonics import projected, sphere_grid
 from pgcp.plane.locate import Places
 from pgcp.plane.space import PLANE
 from pgcp.result import Result
-from pgcp.surface.operators import face_areas
+from pgcp.surface.operators import around_vertices, face_areas
 from pgcp.targets.registry import TARGETS
 from pgcp.types import ComplexArray, FloatArray, IntArray, Positions
 
@@ -92,8 +93,7 @@ class _Domain(Protocol):
 def vertex_areas(points: FloatArray, faces: IntArray) -> FloatArray:
     """A third (V,) of the areas of the faces around every vertex, as a share of all."""
     areas = face_areas(points, faces)
-    out = sum(np.bincount(corner, areas, len(points)) for corner in faces.T)
-    return np.asarray(out / (3.0 * areas.sum()), np.float64)
+    return around_vertices(areas, faces, len(points)) / (3.0 * float(areas.sum()))
 
 
 def _ranked(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, float]:
@@ -311,14 +311,14 @@ def _corresponding(a: Result, b: Result, moebius: ComplexArray, record: Mapping[
     said = dict(record)
     if "pairs" in said:
         pairs = np.array(said["pairs"])
-        away = np.linalg.norm(on_b.points[pairs[:, 0]] - b.mesh.vertices[pairs[:, 1]], axis=1) / diagonal(b)
+        away = np.linalg.norm(on_b.points[pairs[:, 0]] - b.mesh.vertices[pairs[:, 1]], axis=1) / diagonal(b.mesh)
         said |= {"mean_distance": float(away.mean()), "max_distance": float(away.max())}
     return Correspondence(a, b, moebius, on_b, on_a, said)
 
 
-def diagonal(result: Result) -> float:
-    """Length of the diagonal of the box around a surface's faces."""
-    return float(np.linalg.norm(np.ptp(result.mesh.vertices[np.unique(result.faces)], axis=0)))
+def spread(errors: FloatArray) -> dict[str, float]:
+    """Mean, 95 % and greatest of errors."""
+    return {"mean": float(errors.mean()), "p95": float(np.quantile(errors, 0.95)), "max": float(errors.max())}
 
 
 def alignment_line(record: Mapping[str, Any]) -> str:
