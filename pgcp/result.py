@@ -18,7 +18,7 @@ from pgcp.io.given import given_parts
 from pgcp.options import UVS
 from pgcp.parallel import in_slices
 from pgcp.plane.locate import Locator, Places
-from pgcp.surface.distortion import angle_errors, log_area_ratios
+from pgcp.surface.distortion import angle_errors, log_area_ratios, log_scales
 from pgcp.surface.operators import face_areas
 from pgcp.targets.registry import TARGETS
 from pgcp.types import FloatArray, IntArray, Layout, Mesh, Parameterization, Quality
@@ -87,10 +87,7 @@ class Result(Parameterization):
 
         0 for vertices around which there is no area.
         """
-        around = [sum(np.bincount(corner, areas, len(self.mesh.vertices)) for corner in self.faces.T) for areas in self._areas]
-        known = (around[0] > 0.0) & (around[1] > 0.0)
-        surface, image = (np.where(known, total, 1.0) for total in around)
-        return np.asarray(0.5 * np.log(image / surface))
+        return log_scales(*self._areas, self.faces, len(self.mesh.vertices))
 
     @cached_property
     def _areas(self) -> tuple[FloatArray, FloatArray]:

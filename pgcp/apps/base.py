@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from pgcp.errors import InputError
 from pgcp.io.formats import readable, suffixes_of
@@ -100,6 +103,29 @@ class App:
 def add_mesh(group: Group, name: str = "mesh", about: str = "file of a mesh") -> None:
     """Add an argument for the file of a mesh."""
     group.add_argument(name, type=Path, help=f"{about} ({suffixes_of(readable())}, packed with .gz too)")
+
+
+def number(text: str) -> float:
+    """A number of the command line."""
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
+
+
+def whole_number(text: str) -> int:
+    """A whole number of the command line."""
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number") from None
+
+
+def npz_file(name: str, **arrays: Any) -> dict[str, bytes]:
+    """The contents of an NPZ file of arrays, by its name."""
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **arrays)
+    return {name: stream.getvalue()}
 
 
 def map_record(result: Result) -> dict[str, Any]:

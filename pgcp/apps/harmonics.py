@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,13 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from pgcp.apps.base import App, Call, Group, Made, add_mesh, folds_said, map_record
-from pgcp.apps.common.at_vertices import joined, on_the_map, read_values
+from pgcp.apps.base import App, Call, Group, Made, add_mesh, folds_said, map_record, npz_file
+from pgcp.apps.common.joined import joined
+from pgcp.apps.common.values import checked, of_input, source_of
 from pgcp.errors import InputError, NumericalError
+from pgcp.io.values import VALUE_FILES, read_values, table_of
 from pgcp.io.write import mesh_files
 from pgcp.options import AUTO
 from pgcp.parallel import one_blas_thread
-from pgcp.plane.real_harmonics import degree_and_order, fitted, power_by_degree, real_harmonics
+from pgcp.plane.harmonics import at_points, degree_and_order, fitted, power_by_degree
 from pgcp.result import Result
 from pgcp.surface.elements import lumped_areas
 from pgcp.surface.operators import face_areas
@@ -26,7 +27,6 @@ from pgcp.types import FloatArray, Mesh
 _USUAL, _MOST = 20, 80  # degrees
 _VERTICES = 4  # for each harmonic, where no degree is asked for
 _BAD, _HOPELESS = 1e8, 1e14  # conditions of fits whose single coefficients mean little, or that there are none of
-_ROWS = 4096
 _CONVENTION = (
     "real, orthonormal on the unit sphere, without the Condon-Shortley factor: m >= 0 goes with cos(m phi), m < 0 with "
     "sin(-m phi); l^2 + l + m is the place of l, m"
@@ -68,13 +68,6 @@ class Expansion:
         return at_points(self.coefficients_of(self.degree if degree is None else degree), self._sphere)
 
 
-def at_points(coefficients: FloatArray, points: FloatArray) -> FloatArray:
-    """Values (N, C) at unit vectors (N, 3) of functions with coefficients ((L + 1)^2, C)."""
-    degree = round(len(coefficients) ** 0.5) - 1
-    parts = [real_harmonics(degree, points[k : k + _ROWS]) @ coefficients for k in range(0, len(points), _ROWS)]
-    return np.concatenate(parts)
-
-
 def expand(result: Result, degree: int | None = None, values: Any = None, names: tuple[str, ...] = ()) -> Expansion:
     """Expand a closed surface in spherical harmonics on its map to the sphere, by least squares weighted by area.
 
@@ -88,7 +81,8 @@ def expand(result: Result, degree: int | None = None, values: Any = None, names:
     """
     if not TARGETS.get(result.target).space.closed:
         raise InputError("spherical harmonics are of closed surfaces mapped to the sphere, and this map goes to the plane")
-    surface, given = joined(result), _table(values, len(result.mesh.vertices))
+    surface, whole = joined(result), len(result.mesh.vertices)
+    given = np.zeros((whole, 0)) if values is None else checked(values, result, most=2).reshape(whole, -1).astype(np.float64)
     count = len(surface.vertices)
     if degree is None:
         degree = max(min(_USUAL, int((count / _VERTICES) ** 0.5) - 1), 1)
@@ -120,18 +114,6 @@ def expand(result: Result, degree: int | None = None, values: Any = None, names:
     return Expansion(last, labels, errors, sizes, np.column_stack(powers), fit.condition, tuple(fits), result.coordinates)
 
 
-def _table(values: Any, count: int) -> FloatArray:
-    """Values as (V, C); raises InputError where they are something else."""
-    if values is None:
-        return np.zeros((count, 0))
-    found = np.asarray(values)
-    if found.dtype.kind not in "iuf" or found.shape[:1] != (count,) or len(found.shape) > 2:
-        raise InputError(f"values have shape {found.shape} and type {found.dtype}, expected ({count},) or ({count}, C) numbers")
-    if not np.isfinite(found).all():
-        raise InputError("values hold what is no finite number")
-    return found.reshape(count, -1).astype(np.float64)
-
-
 # The command ------------------------------------------------------------------------------------------------------------------
 
 
@@ -141,7 +123,7 @@ def _ask(group: Group) -> None:
         "--degree", type=int, metavar="L", help=f"the highest (default {_USUAL}, less where there are few vertices)"
     )
     group.add_argument(
-        "--values", type=Path, metavar="FILE", help="values at the mesh's vertices, a line each, or .npy: expanded too"
+        "--values", type=Path, metavar="FILE", help=f"values at the mesh's vertices, expanded too: {VALUE_FILES}"
     )
 
 
@@ -149,11 +131,12 @@ def _run(call: Call) -> Made:
     asked = call["degree"]
     if asked is not None and not 0 <= asked <= _MOST:
         raise InputError(f"--degree is {asked}; it must be from 0 to {_MOST}")
-    given = None if call["values"] is None else read_values(call["values"])
+    source, count = source_of(call["mesh"])
+    given = read_values(call["values"], count) if call["values"] else {}
     moebius = {"moebius": "area"} if call.options.moebius == AUTO else {}
-    result = call.mapped(call["mesh"], _closed_target(), **moebius)
+    result = call.mapped(source, _closed_target(), **moebius)
     call.shown("expand", 0, 0)
-    expansion = expand(result, asked, None if given is None else on_the_map(given, result, str(call["values"])))
+    expansion = expand(result, asked, table_of(of_input(result, given)) if given else None)
     call.shown("expand", 1, 1)
     return _made(result, expansion)
 
@@ -216,14 +199,12 @@ def coefficients_json(expansion: Expansion) -> bytes:
 def _made(result: Result, expansion: Expansion) -> Made:
     def npz(name: str) -> dict[str, bytes]:
         """Arrays."""
-        stream = io.BytesIO()
         degrees, orders = degree_and_order(expansion.degree)
-        np.savez(
-            stream, coefficients=expansion.coefficients, degrees=degrees, orders=orders, names=np.array(expansion.names),
+        return npz_file(
+            name, coefficients=expansion.coefficients, degrees=degrees, orders=orders, names=np.array(expansion.names),
             errors=expansion.errors, sizes=expansion.sizes, power=expansion.power, reconstructed=expansion.reconstructed(),
             sphere=result.coordinates,
         )  # fmt: skip
-        return {name: stream.getvalue()}
 
     def mesh(name: str) -> dict[str, bytes]:
         """The reconstructed surface."""
@@ -246,15 +227,16 @@ def _made(result: Result, expansion: Expansion) -> Made:
 
 def picture(result: Result, expansion: Expansion) -> bytes:
     """PNG bytes: the surface, reconstructions at some degrees, and the error and the power by degree."""
-    from pgcp.apps.common.fields import PIXELS, Painter, curves, panel, sheet
+    from pgcp.report.panels import as_png, curves, panel, sheet
+    from pgcp.report.seen import Seen, plain, view_rotation
 
     mesh, size = result.mesh, max(float(expansion.sizes[0]), 1e-300)
-    original = Painter(mesh.vertices, result.faces, PIXELS)
-    panels = [panel("the surface", original.plain())]
+    rotation = view_rotation(mesh.vertices, result.faces)
+    panels = [panel("the surface", Seen.of(mesh.vertices, result.faces, rotation).drawn(plain))]
     top = expansion.degree
     for degree in sorted({max(min(2, top), 0), round(0.4 * top), top}):
         places = expansion.reconstructed(degree)[:, :3]
-        drawn = Painter(places, result.faces, PIXELS, original.rotation).plain()
+        drawn = Seen.of(places, result.faces, rotation).drawn(plain)
         panels.append(panel(f"degree {degree}: error {expansion.errors[degree, 0] / size:.2%} of the size", drawn))
     errors = np.maximum(expansion.errors / np.maximum(expansion.sizes, 1e-300), 1e-16)
     power = np.maximum(expansion.power[:, :1], 1e-32 * float(expansion.power[:, 0].max()))
@@ -265,7 +247,7 @@ def picture(result: Result, expansion: Expansion) -> bytes:
         panels.append(
             curves("power by degree, the same for all turns", "degree", degrees[1:], list(power[1:].T), log=True, dots=6)
         )
-    return sheet(f"{mesh.name}: spherical harmonics up to degree {top}", panels)
+    return as_png(sheet(f"{mesh.name}: spherical harmonics up to degree {top}", panels))
 
 
 APP = App(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,17 +10,17 @@ import numpy as np
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from pgcp.apps.base import App, Call, Group, Made, folds_said, map_record
-from pgcp.apps.common.matching import MOEBIUS, Correspondence, alignment_line, diagonal, matched, vertex_areas
+from pgcp.apps.base import App, Call, Group, Made, folds_said, map_record, npz_file
+from pgcp.apps.common.matching import MOEBIUS, Correspondence, alignment_line, matched, spread, vertex_areas
 from pgcp.apps.common.pairs import add_pair, landmarks_now, landmarks_of, pair_of
-from pgcp.apps.common.picture import Panel, as_png, checkers_of, pixels_of, side_by_side, turned_box
-from pgcp.apps.common.values import colours_of, own_values, ply_of
+from pgcp.apps.common.values import colours_in, mesh_with, own_colours
 from pgcp.errors import InputError
-from pgcp.io.given import COLOURS, has_colours
+from pgcp.finish.shape import diagonal
 from pgcp.io.write import mesh_files
 from pgcp.plane.align import rigid_motion
-from pgcp.report.picture import view_rotation
-from pgcp.report.raster import Paint
+from pgcp.report.panels import animation, as_png, in_rows, panel
+from pgcp.report.raster import Paint, view
+from pgcp.report.seen import Seen, at_vertices, checkers, map_shapes, turned_box, view_rotation
 from pgcp.result import Result
 from pgcp.types import FloatArray, Mesh
 
@@ -29,7 +28,7 @@ _STEPS, _MOST = 10, 999
 _ACROSS = 5  # shapes in the picture
 _DRAWN, _PIXELS = 24, 840  # least number of steps of the animation, and pixels of a frame that is made smaller by half
 _HELD, _SHOWN = 700, 60  # milliseconds of the shapes at both ends, and of those between
-_GIF_COLOURS = 128
+_SMALL, _CHECKS = 560, 32  # pixels of a shape in the picture; squares across
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,8 +78,8 @@ class Morph:
         Each is compared with the place that corresponds to it.
         """
         b = self.match.b
-        away = np.linalg.norm(self.match.to_b(self.end) - b.mesh.vertices, axis=1)[np.unique(b.faces)] / diagonal(b)
-        return {"mean": float(away.mean()), "p95": float(np.quantile(away, 0.95)), "max": float(away.max())}
+        away = np.linalg.norm(self.match.to_b(self.end) - b.mesh.vertices, axis=1)[np.unique(b.faces)]
+        return spread(away / diagonal(b.mesh))
 
 
 def morph(
@@ -120,12 +119,6 @@ def _size(points: FloatArray, weights: FloatArray) -> float:
 # Files and figures ------------------------------------------------------------------------------------------------------------
 
 
-def _colours(done: Morph) -> dict[str, np.ndarray]:
-    """Colours of the vertices of a: its own, or none."""
-    own = own_values(done.match.a)
-    return {name: own[name] for name in COLOURS} if has_colours(own) else {}
-
-
 def _meshes(name: str, done: Morph, contents: Callable[[str, Mesh], dict[str, bytes]]) -> dict[str, bytes]:
     """A file for every shape: ``_00`` before the ending, ``_01`` and so on."""
     stem, _, ending = name.rpartition(".")
@@ -136,12 +129,6 @@ def _meshes(name: str, done: Morph, contents: Callable[[str, Mesh], dict[str, by
     return out
 
 
-def _npz(name: str, done: Morph) -> dict[str, bytes]:
-    stream = io.BytesIO()
-    np.savez_compressed(stream, vertices=done.shapes, faces=done.match.a.faces, shares=done.shares)
-    return {name: stream.getvalue()}
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drawing:
     """How shapes are drawn: where a is and of its size, from one side, in a's colours or with a checkerboard of its map."""
@@ -150,7 +137,7 @@ class _Drawing:
     weights: FloatArray
     rotation: FloatArray
     box: FloatArray
-    colours: FloatArray | Paint
+    paint: Paint
 
     @classmethod
     def of(cls, done: Morph) -> _Drawing:
@@ -159,13 +146,16 @@ class _Drawing:
         rotation, used = view_rotation(a.mesh.vertices, a.faces), np.unique(a.faces)
         weights = vertex_areas(a.mesh.vertices, a.faces)
         box = turned_box([_of_size(still, share, weights)[used] for share in (0.0, 1.0)], rotation)
-        own = colours_of(_colours(done))
-        return cls(still, weights, rotation, box, checkers_of(a, rotation) if own is None else own)
+        own = colours_in(own_colours(a))
+        if own is not None:
+            return cls(still, weights, rotation, box, at_vertices(a.faces, own))
+        shapes = map_shapes(a, view(a.mesh.vertices, a.faces, rotation))
+        return cls(still, weights, rotation, box, checkers(a, rotation, shapes, _CHECKS))
 
-    def panel(self, share: float, caption: str = "") -> Panel:
+    def at(self, share: float, pixels: int) -> Image.Image:
         """A shape."""
         points = _of_size(self.done, share, self.weights)
-        return Panel(points, self.done.match.a.faces, self.rotation, self.colours, caption, None, self.box)
+        return Seen.of(points, self.done.match.a.faces, self.rotation, self.box).drawn(self.paint, pixels)
 
 
 def _of_size(still: Morph, share: float, weights: FloatArray) -> FloatArray:
@@ -179,21 +169,16 @@ def _picture(name: str, done: Morph) -> dict[str, bytes]:
     shares, drawing = np.linspace(0.0, 1.0, _ACROSS).tolist(), _Drawing.of(done)
     ends = done.match.a.mesh.name, f"the shape of {done.match.b.mesh.name}"
     captions = [ends[0], *(f"{share:.0%} of the way" for share in shares[1:-1]), ends[1]]
-    panels = [drawing.panel(share, caption) for share, caption in zip(shares, captions, strict=True)]
-    return {name: as_png(side_by_side(panels, 560))}
+    panels = [panel(words, drawing.at(share, _SMALL), pixels=_SMALL) for share, words in zip(shares, captions, strict=True)]
+    return {name: as_png(in_rows(panels, _ACROSS).reduce(2))}
 
 
 def _animation(name: str, done: Morph) -> dict[str, bytes]:
     """The way there and back, over and over."""
     count, drawing = max(len(done.shares) - 1, _DRAWN), _Drawing.of(done)
-    frames = []
-    for k in range(count + 1):
-        image = Image.fromarray(pixels_of(drawing.panel(k / count), _PIXELS)).reduce(2)
-        frames.append(image.quantize(_GIF_COLOURS, dither=Image.Dither.NONE))
+    frames = [drawing.at(k / count, _PIXELS).reduce(2) for k in range(count + 1)]
     times = [_HELD, *[_SHOWN] * (count - 1), _HELD, *[_SHOWN] * (count - 1)]
-    stream, further = io.BytesIO(), [*frames[1:], *frames[-2:0:-1]]
-    frames[0].save(stream, "gif", save_all=True, append_images=further, duration=times, loop=0, optimize=False)
-    return {name: stream.getvalue()}
+    return {name: animation([*frames, *frames[-2:0:-1]], times)}
 
 
 def _run(call: Call) -> Made:
@@ -207,7 +192,7 @@ def _run(call: Call) -> Made:
         a, b, steps=call["steps"], in_place=call["in_place"], any_size=call["any_size"],
         landmarks=landmarks_now(landmarks, (a, b)), fit=call["fit"],
     )  # fmt: skip
-    lost, colours = done.detail_lost(), _colours(done)
+    lost, colours = done.detail_lost(), own_colours(done.match.a)
     call.shown("align", 1, 1)
     record = {
         "a": map_record(a),
@@ -218,9 +203,9 @@ def _run(call: Call) -> Made:
         "detail_lost": lost,
     }
     files = {
-        ".ply": lambda name: _meshes(name, done, lambda each, mesh: {each: ply_of(mesh, colours)}),
+        ".ply": lambda name: _meshes(name, done, lambda each, mesh: mesh_with(each, mesh, colours)),
         ".obj": lambda name: _meshes(name, done, mesh_files),
-        ".npz": lambda name: _npz(name, done),
+        ".npz": lambda name: npz_file(name, vertices=done.shapes, faces=a.faces, shares=done.shares),
         ".gif": lambda name: _animation(name, done),
         ".png": lambda name: _picture(name, done),
     }

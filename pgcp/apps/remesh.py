@@ -2,30 +2,31 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentTypeError
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pgcp.apps.base import App, Call, Group, Made, add_mesh, map_record
+from pgcp.apps.base import App, Call, Group, Made, add_mesh, map_record, number, whole_number
+from pgcp.apps.common.joined import joined
+from pgcp.apps.common.values import carried, carried_columns, own_colours
 from pgcp.errors import FoldError, InputError, NumericalError
 from pgcp.finish.lattice import quads_of_plane, quads_of_sphere
 from pgcp.finish.resample import Resampled, Sheet, resampled
-from pgcp.finish.shape import hausdorff_distance, shape_record
+from pgcp.finish.shape import diagonal, hausdorff_distance, shape_record
 from pgcp.finish.unit_square import upright_angle
 from pgcp.io.formats import VERTICES, writable
-from pgcp.io.given import COLOURS, GivenParts, given_parts, has_colours
+from pgcp.io.given import GivenParts
 from pgcp.io.write import mesh_files
 from pgcp.options import AUTO
 from pgcp.plane.curves import crosses_itself
 from pgcp.plane.space import PLANE
 from pgcp.polygons.triangulate import triangulated
-from pgcp.report.chart import Scale, linear_axis
-from pgcp.report.panels import Seen, panel, sheet_of
-from pgcp.report.picture import HEAT, view_rotation
+from pgcp.report.chart import Scale
+from pgcp.report.panels import SMALLER, as_png, panel, sheet
 from pgcp.report.record import fold_message
+from pgcp.report.seen import HEAT, Seen, on_faces, view_rotation
 from pgcp.surface.topology import examine
 from pgcp.targets.registry import TARGETS
 from pgcp.types import BoolArray, Columns, FloatArray, IntArray, Mesh, Source
@@ -105,15 +106,11 @@ def _sheet(result: Result) -> Sheet:
     if result.quality.folds:
         raise FoldError(fold_message(result), result)
     space = TARGETS.get(result.target).space
-    point_of = np.arange(len(result.mesh.vertices)) if result.origin is None else result.origin.point_of
-    used, faces = np.unique(point_of[result.faces], return_inverse=True)
-    first = np.empty(int(point_of.max()) + 1, np.int64)
-    first[point_of[::-1]] = np.arange(len(point_of))[::-1]
-    faces = faces.reshape(-1, 3).astype(np.int32)
-    topology = examine(faces, len(used))
+    surface = joined(result)
+    topology = examine(surface.faces, len(surface.vertices))
     if not topology.fits(space.closed):
         raise InputError(f"{result.mesh.name} is {topology.describe()}; one surface without holes can be remeshed")
-    sheet = Sheet(result.mesh.vertices[first[used]], faces, result.coordinates[first[used]], space)
+    sheet = Sheet(surface.vertices, surface.faces, surface.image, space)
     if sheet.rim is not None and crosses_itself(PLANE.positions(sheet.rim.image)):
         raise NumericalError("the map overlaps itself; --no-overlap, or --target disk, gives one that does not")
     return sheet
@@ -121,12 +118,12 @@ def _sheet(result: Result) -> Sheet:
 
 def _spacing(mesh: Mesh, sheet: Sheet, edge: float | None, vertices: int | None, quads: bool) -> float:
     """The edge length that is asked for, on the surface; raises InputError where it or the number of vertices is impossible."""
-    diagonal = float(np.linalg.norm(np.ptp(sheet.vertices, axis=0)))
+    length = diagonal(Mesh(sheet.vertices, sheet.faces))
     if edge is not None:
         if not np.isfinite(edge) or edge <= 0.0:
             raise InputError(f"the edge length is {edge}; it must be a number above 0")
-        if edge > diagonal:
-            raise InputError(f"the edge length {edge:g} is longer than {mesh.name}, whose diagonal is {diagonal:.4g}")
+        if edge > length:
+            raise InputError(f"the edge length {edge:g} is longer than {mesh.name}, whose diagonal is {length:.4g}")
         if sheet.count_for(edge) > _MOST:
             raise InputError(f"edges of length {edge:g} make {sheet.count_for(edge):,} vertices; at most {_MOST:,} are made")
         return edge
@@ -160,23 +157,17 @@ def _with_quads(
 
 def _colours(result: Result, image: FloatArray) -> Columns:
     """Colours of the input at places of the map, in the type that they have there; none where it has none."""
-    given = given_parts(result.origin, result.faces)
-    if given is None or not has_colours(given.of_vertices) or not len(image):
+    own = own_colours(result)
+    if not own or not len(image):
         return {}
-    found = result.inverse(image)
-    out: Columns = {}
-    for name in COLOURS:
-        values = given.of_vertices[name]
-        mixed = np.einsum("nk,nk->n", found.weights, values[result.faces[found.faces]].astype(np.float64))
-        out = {**out, name: (np.rint(mixed) if values.dtype.kind in "iu" else mixed).astype(values.dtype)}
-    return out
+    places = result.inverse(image)
+    return carried_columns(own, lambda values: carried(values, result.faces, places))
 
 
 def record_of(before: Mesh, made: Remeshed) -> dict[str, Any]:
     """Figures of both meshes, and how far they are apart: sampled as ``pgcp.finish.shape.hausdorff_distance`` says."""
     one, two = hausdorff_distance(before, made.mesh)
-    used = before.vertices[np.unique(before.faces)]
-    diagonal = float(np.linalg.norm(np.ptp(used, axis=0)))
+    length = diagonal(before)
     offsets = made.source.offsets
     sizes = np.full(len(made.mesh.faces), 3) if offsets is None else np.diff(offsets)
     return {
@@ -188,7 +179,7 @@ def record_of(before: Mesh, made: Remeshed) -> dict[str, Any]:
         "from_before": one,
         "from_after": two,
         "hausdorff": max(one, two),
-        "hausdorff_of_diagonal": max(one, two) / diagonal if diagonal > 0.0 else 0.0,
+        "hausdorff_of_diagonal": max(one, two) / length if length > 0.0 else 0.0,
     }
 
 
@@ -213,28 +204,21 @@ def _said(record: dict[str, Any]) -> tuple[str, ...]:
 
 def drawn(before: Mesh, made: Remeshed) -> bytes:
     """PNG bytes: both meshes in colours of the smallest angles of faces, whole and magnified."""
-    from pgcp.report.shade import in_colours
     from pgcp.surface.distortion import corner_angles
 
-    colours = HEAT[::-1]
-    scale = Scale(linear_axis(0.0, 60.0, (0.0, 0.0), 6), colours)
+    scale = Scale.between(0.0, 60.0, HEAT[::-1])
     rotation = view_rotation(before.vertices, before.faces)
     centre = _in_front(before, rotation)
     rows: list[list[Any]] = [[], []]
     for name, mesh, edges in (("before", before, None), ("after", made.mesh, made.edges)):
-        least = np.degrees(corner_angles(mesh.vertices, mesh.faces).min(axis=1)) / 60.0
-
-        def paint(face_ids: IntArray, _weights: FloatArray, least: FloatArray = least) -> np.ndarray:
-            """Colour of the smallest angle."""
-            return in_colours(least[face_ids], colours)
-
-        whole = Seen(mesh, rotation)
+        paint = on_faces(np.degrees(corner_angles(mesh.vertices, mesh.faces).min(axis=1)), scale)
+        whole = Seen.of(mesh.vertices, mesh.faces, rotation)
         near = whole.window(centre, _MAGNIFIED * made.spacing)
         caption = f"{name}: {len(np.unique(mesh.faces)):,} vertices, {len(mesh.faces):,} triangles"
-        rows[0].append(panel(caption, whole.view, whole.lit(paint)))
+        rows[0].append(panel(caption, whole.drawn(paint)))
         words = "magnified; colours: smallest angle of each triangle (degrees)"
-        rows[1].append(panel(words, near.view, near.with_edges(near.lit(paint), edges), scale))
-    return sheet_of(before.name, [*rows[0], *rows[1]], 2)
+        rows[1].append(panel(words, near.drawn(near.with_edges(paint, edges), SMALLER), scale))
+    return as_png(sheet(before.name, [*rows[0], *rows[1]], 2))
 
 
 def _in_front(mesh: Mesh, rotation: FloatArray) -> FloatArray:
@@ -248,29 +232,18 @@ def _in_front(mesh: Mesh, rotation: FloatArray) -> FloatArray:
 
 def _arguments(group: Group) -> None:
     add_mesh(group)
-    group.add_argument("--edge", type=_length, metavar="L", help="length of edges on the surface, in the mesh's unit")
+    group.add_argument("--edge", type=number, metavar="L", help="length of edges on the surface, in the mesh's unit")
     group.add_argument(
-        "--vertices", type=_count, metavar="N", help="how many vertices the new mesh is to have (default: as many as before)"
+        "--vertices",
+        type=whole_number,
+        metavar="N",
+        help="how many vertices the new mesh is to have (default: as many as before)",
     )
     group.add_argument(
         "--quads",
         action="store_true",
         help="squares of a lattice in the map, with triangles along the boundary and where sizes change",
     )
-
-
-def _length(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise ArgumentTypeError(f"{text!r} is no number") from None
-
-
-def _count(text: str) -> int:
-    try:
-        return int(text)
-    except ValueError:
-        raise ArgumentTypeError(f"{text!r} is no whole number") from None
 
 
 def _run(call: Call) -> Made:

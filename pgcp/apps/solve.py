@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,19 +9,25 @@ from typing import Any
 
 import numpy as np
 
-from pgcp.apps.base import App, Call, Group, Made, add_mesh, folds_said, map_record
-from pgcp.apps.common.at_vertices import Joined, field_files, joined, on_the_map, read_values
+from pgcp.apps.base import App, Call, Group, Made, add_mesh, folds_said, map_record, npz_file
+from pgcp.apps.common.joined import Joined, joined
+from pgcp.apps.common.values import checked, mesh_with, of_input, source_of
 from pgcp.errors import InputError
+from pgcp.finish.shape import edge_lengths
+from pgcp.io.values import VALUE_FILES, read_values, table_of
 from pgcp.options import AUTO
 from pgcp.parallel import one_blas_thread
 from pgcp.plane.sphere_grid import HarmonicDomain, SphereGrid
+from pgcp.report.chart import Scale
+from pgcp.report.seen import COLD_WARM, HEAT, Seen, Still, at_vertices, view_rotation
 from pgcp.result import Result
 from pgcp.runtime.executors import Progress, silent
 from pgcp.surface.elements import Elements, lumped_areas
 from pgcp.surface.equations import EQUATIONS, Constants, Domain, Equation, Field, History, equation_of, evolve, rise_of
 from pgcp.surface.operators import face_areas
+from pgcp.surface.topology import examine
 from pgcp.targets.registry import TARGETS
-from pgcp.types import BoolArray, FloatArray, IntArray
+from pgcp.types import BoolArray, FloatArray, IntArray, Mesh
 
 EDGES = ("neumann", "dirichlet")
 _FRAMES = 41
@@ -32,6 +37,7 @@ _FINEST, _EDGES = 0.01, 2.0  # share of the area on shorter edges than the harmo
 _LEAST_EPSILON = 0.05
 _FAR = 0.1  # relative difference of solutions that is worth a word
 _PICTURE = 360  # pixels of an animation's pictures
+_SHOWN, _HELD = 100, 1500  # milliseconds of its frames, and of the last
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +110,7 @@ def solve(
     areas = face_areas(surface.vertices, surface.faces)
     unit = float(np.sqrt(areas.sum() / (4.0 * np.pi if closed else np.pi)))
     vertices, rim = surface.vertices / unit, _rim(surface.faces, len(surface.vertices))
-    mean_edge = _mean_edge(vertices, surface.faces)
+    mean_edge = float(edge_lengths(Mesh(vertices, surface.faces)).mean())
     constants = _constants(asked, epsilon, alpha, beta, mean_edge)
     time, steps = _steps(asked, time, step)
     held = rim if _edge_of(asked, edge, closed) == "dirichlet" else None
@@ -113,7 +119,8 @@ def solve(
     if source is None:
         start = _start(asked, constants, Elements(vertices, surface.faces, masses), vertices, rim, mean_edge, seed)
     else:
-        start = _given(source, surface, asked, len(result.mesh.vertices))
+        kinds, kind = ("iufbc", np.complex128) if asked.is_complex else ("iufb", np.float64)
+        start = checked(source, result, "values of the source", kinds).astype(kind)[surface.first]
     said: dict[str, Any] = {}
     if closed:
         domain: Domain = _harmonic(result, surface, masses, degree, said)
@@ -168,25 +175,12 @@ def _edge_of(asked: Equation, edge: str | None, closed: bool) -> str:
     return "neumann" if closed else edge or asked.edge
 
 
-def _edges(faces: IntArray) -> tuple[IntArray, IntArray]:
-    """Edges (E, 2), and how many faces each has."""
-    ends = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1).astype(np.int64)
-    count = int(ends.max()) + 1
-    keys, times = np.unique(ends[:, 0] * count + ends[:, 1], return_counts=True)
-    return np.column_stack([keys // count, keys % count]), times
-
-
 def _rim(faces: IntArray, count: int) -> BoolArray:
     """Which vertices (V,) are on a boundary."""
-    edges, times = _edges(faces)
     out = np.zeros(count, bool)
-    out[edges[times == 1]] = True
+    for loop in examine(faces, count).loops:
+        out[loop] = True
     return out
-
-
-def _mean_edge(vertices: FloatArray, faces: IntArray) -> float:
-    edges, _ = _edges(faces)
-    return float(np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1).mean())
 
 
 def _start(
@@ -211,16 +205,6 @@ def _start(
         points[place] += sign / own.areas[place]
     field = own.smoothed(points, 4.0 * edge)
     return np.asarray(field if asked.is_steady else field / max(float(np.abs(field).max()), 1e-300))
-
-
-def _given(source: Any, surface: Joined, asked: Equation, count: int) -> Field:
-    """Values (n,) of a source (V,)."""
-    values = np.asarray(source)
-    if values.shape != (count,) or values.dtype.kind not in ("iufc" if asked.is_complex else "iuf"):
-        raise InputError(f"source has shape {values.shape} and type {values.dtype}, expected ({count},) numbers")
-    if not np.isfinite(values).all():
-        raise InputError("source holds what is no finite number")
-    return values.astype(np.complex128 if asked.is_complex else np.float64)[surface.first]
 
 
 def needed_degree(result: Result) -> int:
@@ -350,7 +334,7 @@ def _ask(group: Group) -> None:
         "--source",
         type=Path,
         metavar="FILE",
-        help="values at the mesh's vertices, a line each, or .npy: the right side of poisson, else where the solution starts",
+        help=f"values at the mesh's vertices: the right side of poisson, else where the solution starts; {VALUE_FILES}",
     )
     group.add_argument(
         "--boundary-condition",
@@ -368,14 +352,15 @@ def _run(call: Call) -> Made:
     asked = equation_of(call["equation"])
     _steps(asked, call["time"], call["step"])
     _constants(asked, call["epsilon"], call["alpha"], call["beta"], 1.0)
-    given = None if call["source"] is None else read_values(call["source"])
+    mesh, count = source_of(call["mesh"])
+    given = read_values(call["source"], count) if call["source"] else {}
     moebius = {"moebius": "area"} if call.options.moebius == AUTO else {}
-    result = call.mapped(call["mesh"], **moebius)
+    if given and (width := table_of(given).shape[-1]) > (2 if asked.is_complex else 1):
+        raise InputError(f"{call['source']}: it holds {width} values a line, more than the equation has")
+    result = call.mapped(mesh, **moebius)
     source = None
-    if given is not None:
-        values = on_the_map(given, result, str(call["source"]))
-        if values.shape[-1] > (2 if asked.is_complex else 1):
-            raise InputError(f"{call['source']}: it holds {values.shape[-1]} values a line, more than the equation has")
+    if given:
+        values = table_of(of_input(result, given))
         source = values @ [1.0, 1.0j] if values.shape[-1] > 1 else values[:, 0]
     names = ("epsilon", "alpha", "beta", "time", "step", "degree")
     solution = solve(
@@ -409,17 +394,16 @@ def _lines(solution: Solution) -> tuple[str, ...]:
 def _made(result: Result, solution: Solution) -> Made:
     def npz(name: str) -> dict[str, bytes]:
         """Arrays."""
-        stream = io.BytesIO()
-        np.savez(
-            stream, w=solution.values, w_surface=solution.on_surface, start=solution.start, times=solution.by_map.times,
+        return npz_file(
+            name, w=solution.values, w_surface=solution.on_surface, start=solution.start, times=solution.by_map.times,
             energy=solution.by_map.energies, energy_surface=solution.by_surface.energies,
             frame_times=solution.by_map.frame_times, frames=_single(solution.by_map.frames), differences=solution.differences,
         )  # fmt: skip
-        return {name: stream.getvalue()}
 
     def fields(name: str) -> dict[str, bytes]:
         """The surface with the fields."""
-        return field_files(name, result, {"w": solution.values, "w_surface": solution.on_surface})
+        columns = {"w": solution.values, "w_surface": solution.on_surface}
+        return mesh_with(name, result.mesh, columns, **{result.coordinates_name: result.coordinates})
 
     files = {
         ".npz": npz,
@@ -444,39 +428,53 @@ def _limit(solution: Solution) -> float:
 
 def picture(result: Result, solution: Solution) -> bytes:
     """PNG bytes: start, solution, the solution on the map, that on the surface, the difference, and energies over time."""
-    from pgcp.apps.common.fields import PIXELS, Painter, Tint, curves, panel, sheet
+    from pgcp.report.panels import SMALLER, as_png, curves, panel, sheet
 
     asked, said = solution.equation, solution.record
-    on = Painter(result.mesh.vertices, result.faces, PIXELS)
-    plane = Painter(result.coordinates, result.faces, PIXELS, on.rotation)
+    on, plane = _stills(result, SMALLER)
     part = "real part of A" if asked.is_complex else "w"
-    tint, error = Tint.around_zero(_limit(solution)), np.abs(solution.values - solution.on_surface)
-    first = tint if asked.shown else Tint.around_zero(float(np.abs(solution.start.real).max()))
-    wrong = Tint.up_to(float(error.max()))
+    scale, error = _around_zero(_limit(solution)), np.abs(solution.values - solution.on_surface)
+    first = scale if asked.shown else _around_zero(float(np.abs(solution.start.real).max()))
+    wrong = Scale.between(0.0, float(error.max()) or 1.0, HEAT, 5)
     end = "" if asked.is_steady else f" at time {said['time']:g}"
-    panels = [
-        panel("the source f" if asked.is_steady else f"{part} at time 0", on.draw(solution.start.real, first), first),
-        panel(f"{part}{end}, solved on the map", on.draw(solution.values.real, tint), tint),
-        panel("the same on the map", plane.draw(solution.values.real, tint), tint),
-        panel(f"{part}{end}, by finite elements on the surface", on.draw(solution.on_surface.real, tint), tint),
-        panel(f"|difference| of the two, {solution.difference:.2g} in L2", on.draw(error, wrong), wrong),
-    ]
+    shown = (
+        ("the source f" if asked.is_steady else f"{part} at time 0", on, solution.start.real, first),
+        (f"{part}{end}, solved on the map", on, solution.values.real, scale),
+        ("the same on the map", plane, solution.values.real, scale),
+        (f"{part}{end}, by finite elements on the surface", on, solution.on_surface.real, scale),
+        (f"|difference| of the two, {solution.difference:.2g} in L2", on, error, wrong),
+    )
+    panels = [panel(caption, still.painted(at_vertices(result.faces, w, own)), own) for caption, still, w, own in shown]
     if not asked.is_steady:
         energies = [solution.by_map.energies, solution.by_surface.energies]
         panels.append(curves("energy on the map (blue), on the surface (red)", "time", solution.by_map.times, energies))
-    return sheet(f"{result.mesh.name}: {asked.formula}", panels)
+    return as_png(sheet(f"{result.mesh.name}: {asked.formula}", panels))
+
+
+def _stills(result: Result, pixels: int) -> list[Still]:
+    """The surface and its map, as they are seen."""
+    rotation = view_rotation(result.mesh.vertices, result.faces)
+    return [Seen.of(points, result.faces, rotation).still(pixels) for points in (result.mesh.vertices, result.coordinates)]
+
+
+def _around_zero(limit: float) -> Scale:
+    """Blue below 0, red above, up to a limit."""
+    limit = limit or 1.0
+    return Scale.between(-limit, limit, COLD_WARM, 5)
 
 
 def film(result: Result, solution: Solution) -> bytes:
     """GIF bytes: the solution over time on the surface and on the map."""
-    from pgcp.apps.common.fields import Painter, Tint, animation
+    from pgcp.report.panels import animation, captioned
 
-    on = Painter(result.mesh.vertices, result.faces, _PICTURE)
-    plane = Painter(result.coordinates, result.faces, _PICTURE, on.rotation)
-    frames = solution.by_map.frames.real
-    tint = Tint.around_zero(solution.equation.shown or float(np.abs(frames[0]).max()))
-    rows = [[one.draw(values, tint) for one in (on, plane)] for values in frames]
-    return animation(rows, [f"{solution.equation.name}, time {t:.4g}" for t in solution.by_map.frame_times])
+    stills, values = _stills(result, _PICTURE), solution.by_map.frames.real
+    scale = _around_zero(solution.equation.shown or float(np.abs(values[0]).max()))
+    captions = [f"{solution.equation.name}, time {t:.4g}" for t in solution.by_map.frame_times]
+    frames = [
+        captioned([still.painted(at_vertices(result.faces, w, scale)) for still in stills], caption)
+        for w, caption in zip(values, captions, strict=True)
+    ]
+    return animation(frames, [_SHOWN] * (len(frames) - 1) + [_HELD])
 
 
 APP = App(

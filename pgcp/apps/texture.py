@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-from argparse import ArgumentTypeError
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -11,16 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pgcp.apps.base import App, Call, Group, Made, add_mesh, folds_said, map_record
+from pgcp.apps.base import App, Call, Group, Made, add_mesh, folds_said, map_record, number, whole_number
+from pgcp.apps.common.values import colours_in, own_values
 from pgcp.errors import InputError
 from pgcp.finish.texels import TexelDensity, at_places, edges_in_texels, heights_in_texels, texel_density, within_square
-from pgcp.io.given import COLOURS, as_unit, given_parts, has_colours
+from pgcp.io.given import COLOURS
 from pgcp.io.write import map_files
 from pgcp.report.chart import Axis, Scale
-from pgcp.report.panels import Seen, panel, sheet_of
-from pgcp.report.picture import COLD_WARM, view_rotation
+from pgcp.report.panels import SMALLER, as_png, panel, sheet
 from pgcp.report.raster import View, texels
-from pgcp.report.shade import in_colours
+from pgcp.report.seen import COLD_WARM, Seen, on_faces, view_rotation
 from pgcp.report.texture import CHECKER, as_picture, board
 from pgcp.targets.registry import TARGETS
 from pgcp.types import FloatArray, IntArray, Layout
@@ -54,9 +52,7 @@ class Textured:
         """The picture as PNG."""
         from PIL import Image
 
-        out = io.BytesIO()
-        Image.fromarray(self.image).save(out, "png", compress_level=6)
-        return out.getvalue()
+        return as_png(Image.fromarray(self.image))
 
     def files(self, name: str) -> dict[str, bytes]:
         """Contents of the OBJ or GLB file of this name, and of those beside it, by name; without colours of vertices."""
@@ -142,10 +138,10 @@ def baked(result: Result, size: tuple[int, int] | None = None, colours: FloatArr
 
 def colours_of(result: Result) -> FloatArray:
     """Colours (V, 3) from 0 to 1 that the input has at its vertices; raises InputError where it has none."""
-    given = given_parts(result.origin, result.faces)
-    if given is None or not has_colours(given.of_vertices):
+    found = colours_in(own_values(result))
+    if found is None:
         raise InputError(f"{result.mesh.name} has no colours at its vertices that could be baked into a texture")
-    return as_unit(given.of_vertices)
+    return found
 
 
 def baked_error(made: Textured, colours: FloatArray) -> dict[str, float]:
@@ -210,60 +206,45 @@ def drawn(made: Textured) -> bytes:
     limit = int(np.clip(np.ceil(np.quantile(np.abs(order[density.areas > 0.0]), 0.95)), 1, 30))
     powers = range(-limit, limit + 1, -(-limit // 3))
     scale = Scale(Axis(-limit, limit, [float(k) for k in powers], [f"{median * 2.0**k:.3g}" for k in powers], []), COLD_WARM)
-    seen = Seen(mesh, view_rotation(mesh.vertices, mesh.faces))
+    seen, dense = Seen.of(mesh.vertices, mesh.faces, view_rotation(mesh.vertices, mesh.faces)), on_faces(order, scale)
 
     def picture(face_ids: IntArray, weights: FloatArray) -> np.ndarray:
         """The texture."""
         places = np.einsum("mk,mkd->md", weights, layout.points[layout.faces[face_ids]])
         return at_places(made.image, places) / 255.0
 
-    def dense(face_ids: IntArray, _weights: FloatArray) -> np.ndarray:
-        """Colour of the density."""
-        return in_colours(0.5 + 0.5 * order[face_ids] / limit, COLD_WARM)
-
     height, width = made.image.shape[:2]
     points, faces, face_of = within_square(layout)
     flat = np.pad(points * np.array([1.0, height / width]), ((0, 0), (0, 1)))
     whole = View(flat, faces.astype(np.int32), np.eye(3), np.array([[0.0, 0.0, 0.0], [1.0, height / width, 0.0]]))
     panels = [
-        panel(f"the surface with its texture of {width} x {height} texels", seen.view, seen.lit(picture)),
-        panel("texels per unit of length, on the surface", seen.view, seen.lit(dense), scale),
-        panel("the same on the texture", whole, lambda ids, weights: dense(face_of[ids], weights), scale),
+        panel(f"the surface with its texture of {width} x {height} texels", seen.drawn(picture)),
+        panel("texels per unit of length, on the surface", seen.drawn(dense, SMALLER), scale),
+        panel("the same on the texture", Seen(whole).drawn(on_faces(order[face_of], scale), SMALLER), scale),
     ]
-    return sheet_of(mesh.name, panels, 3)
+    return as_png(sheet(mesh.name, panels))
 
 
 def _arguments(group: Group) -> None:
     add_mesh(group)
     group.add_argument("image", type=Path, nargs="?", help="picture that covers the texture (default: a checkerboard)")
     group.add_argument(
-        "--texels-per-unit", type=_number, metavar="D", help="texels for a unit of length on the surface: sets the size"
+        "--texels-per-unit", type=number, metavar="D", help="texels for a unit of length on the surface: sets the size"
     )
     group.add_argument(
-        "--share", type=_number, default=0.5, metavar="S",
+        "--share", type=number, default=0.5, metavar="S",
         help="share of the surface's area that gets so many texels or more (default 0.5; 1: all)",
     )  # fmt: skip
     group.add_argument(
-        "--size", type=_whole, metavar="N", help="width of the texture in texels, its height too but for a sphere (half of it)"
+        "--size",
+        type=whole_number,
+        metavar="N",
+        help="width of the texture in texels, its height too but for a sphere (half of it)",
     )
     group.add_argument(
-        "--square", type=_number, metavar="L", help="side of the checkerboard's squares on the surface, at the middle density"
+        "--square", type=number, metavar="L", help="side of the checkerboard's squares on the surface, at the middle density"
     )
     group.add_argument("--bake", action="store_true", help="make the texture from the colours of the mesh's vertices")
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise ArgumentTypeError(f"{text!r} is no number") from None
-
-
-def _whole(text: str) -> int:
-    try:
-        return int(text)
-    except ValueError:
-        raise ArgumentTypeError(f"{text!r} is no whole number") from None
 
 
 def _check(call: Call) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,25 +9,29 @@ from typing import Any
 
 import numpy as np
 
-from pgcp.apps.base import App, Call, Group, Made, folds_said, map_record
-from pgcp.apps.common.matching import MOEBIUS, SCALE, VALUES, Correspondence, alignment_line, diagonal, matched, vertex_areas
+from pgcp.apps.base import App, Call, Group, Made, folds_said, map_record, npz_file
+from pgcp.apps.common.matching import MOEBIUS, SCALE, VALUES, Correspondence, alignment_line, matched, spread, vertex_areas
 from pgcp.apps.common.pairs import add_pair, landmarks_now, landmarks_of, pair_of
-from pgcp.apps.common.picture import Panel, as_png, limits_of, side_by_side
 from pgcp.apps.common.values import (
     carried_columns,
-    colours_of,
+    checked,
+    colours_in,
     first_field,
     flat_columns,
+    mesh_with,
     of_input,
     own_values,
     place_colours,
-    ply_of,
 )
 from pgcp.errors import InputError
+from pgcp.finish.shape import diagonal
 from pgcp.io.text import as_lines
-from pgcp.io.values import read_values
+from pgcp.io.values import VALUE_FILES, read_values
 from pgcp.plane.align import rigid_motion
-from pgcp.report.picture import view_rotation
+from pgcp.report.chart import Scale
+from pgcp.report.panels import SMALLER, as_png, in_rows, panel
+from pgcp.report.raster import PIXELS
+from pgcp.report.seen import FIELD, Seen, at_vertices, view_rotation
 from pgcp.result import Result
 from pgcp.surface.distortion import angle_errors
 from pgcp.types import Columns, FloatArray, IntArray, Mesh
@@ -54,17 +57,13 @@ class Transfer(Correspondence):
         span of its values. Each has "mean", "p95" and "max".
         """
         points, used = self.a.mesh.vertices, np.unique(self.a.faces)
-        away = np.linalg.norm(self.there_and_back(points) - points, axis=1)[used] / diagonal(self.a)
+        away = np.linalg.norm(self.there_and_back(points) - points, axis=1)[used] / diagonal(self.a.mesh)
         fields = {}
         for name, values in flat_columns(self.a_values).items():
             span = float(np.ptp(values.astype(np.float64))) or 1.0
             back = carried_columns({name: values}, self.there_and_back)[name]
-            fields[name] = _spread(np.abs(back.astype(np.float64) - values)[used] / span)
-        return {"positions": _spread(away), "values": fields}
-
-
-def _spread(errors: FloatArray) -> dict[str, float]:
-    return {"mean": float(errors.mean()), "p95": float(np.quantile(errors, 0.95)), "max": float(errors.max())}
+            fields[name] = spread(np.abs(back.astype(np.float64) - values)[used] / span)
+        return {"positions": spread(away), "values": fields}
 
 
 def transfer(
@@ -99,15 +98,7 @@ def transfer(
 
 def _arrays(result: Result, values: Mapping[str, Any] | None) -> dict[str, np.ndarray]:
     """Values as arrays; raises InputError where there is not one for every vertex, or one is no finite number."""
-    count, found = len(result.mesh.vertices), {name: np.asarray(each) for name, each in (values or {}).items()}
-    for name, each in found.items():
-        if each.dtype.kind not in "iufb" or each.shape[:1] != (count,):
-            raise InputError(
-                f"values {name!r} have shape {each.shape} and type {each.dtype}, but {result.mesh.name} has {count} vertices"
-            )
-        if not np.isfinite(each).all():
-            raise InputError(f"values {name!r} of {result.mesh.name} hold what is no finite number")
-    return found
+    return {name: checked(each, result, f"values {name!r}", most=2) for name, each in (values or {}).items()}
 
 
 # Files and figures ------------------------------------------------------------------------------------------------------------
@@ -127,9 +118,7 @@ def _npz(name: str, done: Transfer) -> dict[str, bytes]:
         }
     arrays |= {f"on_b_{key}": values for key, values in done.on_b_values.items()}
     arrays |= {f"on_a_{key}": values for key, values in done.on_a_values.items()}
-    stream = io.BytesIO()
-    np.savez_compressed(stream, **arrays)
-    return {name: stream.getvalue()}
+    return npz_file(name, **arrays)
 
 
 def _vertices_of(result: Result, ids: IntArray) -> IntArray:
@@ -153,15 +142,16 @@ def _csv(name: str, done: Transfer) -> dict[str, bytes]:
     return {name: (",".join([*head, *values]) + "\n").encode() + as_lines(b"", np.ascontiguousarray(rows), b",")}
 
 
-def _shown(columns: Columns, of_places: Columns) -> tuple[FloatArray, tuple[float, float] | None, str]:
-    """What is drawn: the first values that are no colours, else colours, else the colours of places; limits, and their name."""
+def _shown(columns: Columns, of_places: Columns) -> tuple[FloatArray, Scale | None, str]:
+    """What is drawn: the first values that are no colours, else colours, else colours of places; a scale, and their name."""
     field = first_field(columns)
     if field is not None:
-        return field[1], limits_of(field[1]), field[0]
-    colours = colours_of(columns)
+        low, high = (float(each) for each in np.quantile(field[1], [0.01, 0.99]))
+        return field[1], Scale.between(low, high, FIELD, 7), field[0]
+    colours = colours_in(columns)
     if colours is not None:
         return colours, None, "colours"
-    found = colours_of(of_places)
+    found = colours_in(of_places)
     assert found is not None
     return found, None, "colours by place"
 
@@ -170,15 +160,19 @@ def _picture(name: str, done: Transfer) -> dict[str, bytes]:
     """Both surfaces, seen from corresponding sides, with the same values."""
     a, b = done.a, done.b
     places = place_colours(a.mesh.vertices)
-    values, limits, called = _shown(done.a_values, places)
+    values, scale, called = _shown(done.a_values, places)
     there, _, _ = _shown(done.on_b_values, carried_columns(places, done.to_b))
     rotation = view_rotation(a.mesh.vertices, a.faces)
     motion, _ = rigid_motion(a.mesh.vertices, done.on_b.points, vertex_areas(a.mesh.vertices, a.faces))
-    panels = [
-        Panel(a.mesh.vertices, a.faces, rotation, values, f"{a.mesh.name}: {called}", limits),
-        Panel(b.mesh.vertices, b.faces, rotation @ motion.T, there, f"{b.mesh.name}: carried there", limits),
-    ]
-    return {name: as_png(side_by_side(panels))}
+    sides = (
+        (a, rotation, values, f"{a.mesh.name}: {called}"),
+        (b, rotation @ motion.T, there, f"{b.mesh.name}: carried there"),
+    )
+    pixels, panels = PIXELS if scale is None else SMALLER, []
+    for one, turned, shown, caption in sides:
+        drawn = Seen.of(one.mesh.vertices, one.faces, turned).drawn(at_vertices(one.faces, shown, scale), pixels)
+        panels.append(panel(caption, drawn, scale))
+    return {name: as_png(in_rows(panels, 2).reduce(2))}
 
 
 def _record(done: Transfer) -> dict[str, Any]:
@@ -233,11 +227,11 @@ def _run(call: Call) -> Made:
     files = {
         ".npz": lambda name: _npz(name, done),
         ".csv": lambda name: _csv(name, done),
-        "_b.ply": lambda name: {name: ply_of(b.mesh, on_b)},
+        "_b.ply": lambda name: mesh_with(name, b.mesh, on_b),
         ".png": lambda name: _picture(name, done),
     }
     if done.on_a_values:
-        files["_a.ply"] = lambda name: {name: ply_of(a.mesh, done.on_a_values)}
+        files["_a.ply"] = lambda name: mesh_with(name, a.mesh, done.on_a_values)
     return Made(files, record, _lines(record), folds_said(a) or folds_said(b))
 
 
@@ -246,7 +240,7 @@ def _ask(group: Group) -> None:
     for option, which in (("--values", "first"), ("--values-b", "second")):
         group.add_argument(
             option, type=Path, metavar="FILE",
-            help=f"values at the vertices of the {which} mesh, beside those of its own file: .npz, .csv, .txt, or FreeSurfer's",
+            help=f"values at the vertices of the {which} mesh, beside those of its own file: {VALUE_FILES}",
         )  # fmt: skip
     group.add_argument(
         "--align", choices=(SCALE, VALUES), default=SCALE,

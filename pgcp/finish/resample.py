@@ -19,6 +19,7 @@ from pgcp.plane.locate import Locator
 from pgcp.plane.rim import Rim
 from pgcp.plane.space import Space, find_folds
 from pgcp.plane.spread import even_start, relaxed, shortened, to_centroids
+from pgcp.surface.distortion import log_scales
 from pgcp.surface.flips import flipped
 from pgcp.surface.operators import face_areas
 from pgcp.surface.topology import examine
@@ -59,12 +60,7 @@ class Sheet:
     def log_scale(self) -> FloatArray:
         """Logarithm (V,) of length in the map over length on the surface, from the areas around each vertex."""
         flat = np.pad(self.image, ((0, 0), (0, 3 - self.image.shape[1])))
-        totals = [
-            sum(np.bincount(column, areas, len(self.vertices)) for column in self.faces.T)
-            for areas in (self.areas, face_areas(flat, self.faces))
-        ]
-        surface, image = (np.maximum(total, 1e-300) for total in totals)
-        return np.asarray(0.5 * np.log(image / surface))
+        return log_scales(self.areas, face_areas(flat, self.faces), self.faces, len(self.vertices))
 
     @cached_property
     def locator(self) -> Locator:

@@ -13,6 +13,11 @@ _POINTS, _TRIED = 30_000, 8
 _BLOCK = 20_000  # points at once
 
 
+def diagonal(mesh: Mesh) -> float:
+    """Length of the diagonal of the box around the vertices that faces use."""
+    return float(np.linalg.norm(np.ptp(mesh.vertices[np.unique(mesh.faces)], axis=0)))
+
+
 def edge_lengths(mesh: Mesh) -> FloatArray:
     """Lengths (E,) of the edges, each once."""
     ends = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64), axis=1)

@@ -1,4 +1,4 @@
-"""Values at the vertices of a mesh, in files of their own: NPZ, CSV, text, and those of FreeSurfer."""
+"""Values at the vertices of a mesh, in files of their own: NPZ, NPY, CSV, text, and those of FreeSurfer."""
 
 from __future__ import annotations
 
@@ -11,18 +11,21 @@ import numpy as np
 
 from pgcp.errors import BadFileError
 from pgcp.io.text import as_text, shown
+from pgcp.types import Columns, FloatArray
 
 _CURV = b"\xff\xff\xff"  # begins FreeSurfer's files of values, as of its old surfaces
 _CURV_HEAD = 15
+_NPY = b"\x93NUMPY"
+VALUE_FILES = "a file .npz, .npy, .csv, .txt, or FreeSurfer's"  # what is read, in a word of help
 _NOT_A_NAME = re.compile(r"\W+")
 
 
 def read_values(path: str | Path, count: int) -> dict[str, np.ndarray]:
     """Values (count, ...) of every vertex by name, as a file holds them.
 
-    An NPZ file: its arrays of numbers with a row for every vertex. A file whose name ends in .csv or .txt: a line for every
-    vertex, numbers parted by commas, semicolons or blanks, perhaps after a line of names. Of any other name: FreeSurfer's
-    values, such as lh.sulc.
+    An NPZ file: its arrays of numbers with a row for every vertex. An NPY file: its array, a row for every vertex. FreeSurfer's
+    values, such as lh.sulc. Else text: a line for every vertex, numbers parted by commas, semicolons or blanks, perhaps after a
+    line of names; ``#`` starts a comment.
     Raises BadFileError where a file is none of these, has another number of values, or one that is not finite.
     """
     path = Path(path)
@@ -33,6 +36,8 @@ def read_values(path: str | Path, count: int) -> dict[str, np.ndarray]:
     try:
         if path.suffix.lower() == ".npz":
             found = _of_npz(data, count)
+        elif data.startswith(_NPY):
+            found = {"value": _of_npy(data)}
         elif data.startswith(_CURV):
             found = _of_freesurfer(data)
         else:
@@ -40,6 +45,11 @@ def read_values(path: str | Path, count: int) -> dict[str, np.ndarray]:
         return {name: _checked(name, values, count) for name, values in found.items()}
     except BadFileError as problem:
         raise BadFileError(f"{path}: {problem}") from problem
+
+
+def table_of(values: Columns) -> FloatArray:
+    """All of them side by side (count, C), in their order."""
+    return np.column_stack([each.reshape(len(each), -1) for each in values.values()]).astype(np.float64)
 
 
 def _checked(name: str, values: np.ndarray, count: int) -> np.ndarray:
@@ -67,6 +77,17 @@ def _of_npz(data: bytes, count: int) -> dict[str, np.ndarray]:
     return found
 
 
+def _of_npy(data: bytes) -> np.ndarray:
+    """An array of numbers."""
+    try:
+        values = np.load(io.BytesIO(data), allow_pickle=False)
+    except Exception as problem:
+        raise BadFileError(f"it is no readable NPY file ({type(problem).__name__})") from problem
+    if values.dtype.kind not in "iufb" or len(values.shape) not in (1, 2) or not values.size:
+        raise BadFileError(f"its array has shape {values.shape} and type {values.dtype}, no rows of numbers")
+    return np.asarray(values)
+
+
 def _of_freesurfer(data: bytes) -> dict[str, np.ndarray]:
     """Values in single precision, one a vertex."""
     if len(data) < _CURV_HEAD:
@@ -79,7 +100,8 @@ def _of_freesurfer(data: bytes) -> dict[str, np.ndarray]:
 
 def _of_text(text: bytes) -> dict[str, np.ndarray]:
     """Columns of numbers, perhaps below their names."""
-    rows = [re.split(rb"[,;\s]+", line.strip(b" \t,;")) for line in text.split(b"\n") if line.strip()]
+    lines = [line.split(b"#", 1)[0] for line in text.split(b"\n")]
+    rows = [re.split(rb"[,;\s]+", line.strip(b" \t,;")) for line in lines if line.strip()]
     if not rows:
         raise BadFileError("the file holds no values")
     names = [_named(word.decode("utf-8", "replace").strip('"')) for word in rows[0]] if not _are_numbers(rows[0]) else []

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from pgcp.plane.harmonics import best_rotations
+from pgcp.plane.harmonics import best_rotations, degree_of
 from pgcp.plane.mobius import balancing_step, boost, boost_matrix, in_ball, sphere_points
 from pgcp.types import ComplexArray, FloatArray
 
@@ -75,13 +75,13 @@ def centring_of_sphere(points: FloatArray, weights: FloatArray) -> ComplexArray:
     return matrix
 
 
-def turns_of_sphere(one: ComplexArray, other: ComplexArray, count: int) -> FloatArray:
+def turns_of_sphere(one: FloatArray, other: FloatArray, count: int) -> FloatArray:
     """Rotations (k, 3, 3) after which one function is most like another, best first, at most ``count``, far from each other.
 
-    one, other: their coefficients (L + 1, 2 L + 1) in spherical harmonics, correlated for all rotations as Moebius Registration
+    one, other: their coefficients ((L + 1)^2,) in spherical harmonics, correlated for all rotations as Moebius Registration
     does (Baden, Crane, Kazhdan 2018); reflections are none of them.
     """
-    found, _ = best_rotations(one, other, count, 3.0 * np.pi / len(one))
+    found, _ = best_rotations(one, other, count, 3.0 * np.pi / (degree_of(one) + 1))
     return found
 
 

@@ -11,6 +11,7 @@ from scipy.sparse.linalg import LinearOperator, bicgstab, cg
 
 from pgcp.errors import InputError
 from pgcp.parallel import processor_count
+from pgcp.plane.harmonics import degree_and_order, points_on_rings
 from pgcp.surface.equations import Field
 from pgcp.types import FloatArray
 
@@ -32,32 +33,28 @@ def _ducc() -> Any:
 class SphereGrid:
     """Real harmonics up to a degree L, and a grid with half as many rings again, on which cubes of functions barely alias.
 
-    A function is a vector ((L + 1)^2,) in an orthonormal basis: first m = 0, then the parts of m > 0 that are even in
-    longitude, then the odd ones. points (n, 3), weights (n,) of the grid: their sum is 4 pi. degrees: l of each coefficient.
+    A function is a vector ((L + 1)^2,) of the coefficients of ``harmonics.real_harmonics``. points (n, 3), weights (n,) of the
+    grid: their sum is 4 pi. degrees: l of each coefficient.
     """
 
     def __init__(self, degree: int) -> None:
         self._ducc, self._threads = _ducc(), processor_count()
         self.degree, self._rings = degree, 3 * degree // 2 + 2
         self._around = 2 * self._rings
-        theta = self._ducc.misc.GL_thetas(self._rings)
-        weights = self._ducc.misc.GL_weights(self._rings, self._around)
-        phi = 2.0 * np.pi * np.arange(self._around) / self._around
-        z, across = np.cos(theta)[:, None], np.sin(theta)[:, None]
-        self.points = np.stack(np.broadcast_arrays(across * np.cos(phi), across * np.sin(phi), z), axis=-1).reshape(-1, 3)
-        self.weights = np.repeat(np.asarray(weights), self._around)
-        self._first = degree + 1
-        ls = np.concatenate([np.arange(m, degree + 1) for m in range(degree + 1)])
-        self.degrees = np.concatenate([ls, ls[self._first :]]).astype(np.float64)
+        self.points = points_on_rings(self._ducc.misc.GL_thetas(self._rings), self._around)
+        self.weights = np.repeat(np.asarray(self._ducc.misc.GL_weights(self._rings, self._around)), self._around)
+        self.degrees = degree_and_order(degree)[0].astype(np.float64)
+        # ducc0 has complex coefficients of orders 0, 1, ..., of each all degrees, with the factor (-1)^m
+        orders = np.repeat(np.arange(degree + 1), np.arange(degree + 1, 0, -1))
+        degrees = np.concatenate([np.arange(m, degree + 1) for m in range(degree + 1)])
+        self._even, self._odd = degrees * (degrees + 1) + orders, degrees * (degrees + 1) - orders
+        self._factor = np.where(orders > 0, np.sqrt(0.5) * (-1.0) ** orders, 1.0)
 
     def _packed(self, vector: FloatArray) -> np.ndarray:
         """Complex coefficients (1, a) as ducc0 has them."""
-        half = (len(vector) - self._first) // 2
-        out = np.zeros((1, self._first + half), np.complex128)
-        out[0, : self._first] = vector[: self._first]
-        even, odd = vector[self._first : self._first + half], vector[self._first + half :]
-        out[0, self._first :] = (even + 1j * odd) * np.sqrt(0.5)
-        return out
+        out = self._factor * (vector[self._even] - 1j * vector[self._odd])
+        out[: self.degree + 1] = vector[self._even[: self.degree + 1]]
+        return out[None]
 
     def synthesis(self, vector: Field) -> Field:
         """Values (n,) on the grid."""
@@ -75,8 +72,10 @@ class SphereGrid:
             return self.analysis(values.real) + 1j * self.analysis(values.imag)
         grid = np.ascontiguousarray(values).reshape(1, self._rings, self._around)
         packed = self._ducc.sht.analysis_2d(map=grid, spin=0, lmax=self.degree, geometry="GL", nthreads=self._threads)[0]
-        rest = packed[self._first :] * np.sqrt(2.0)
-        return np.concatenate([packed[: self._first].real, rest.real, rest.imag])
+        packed = packed / self._factor
+        out = np.empty(len(self.degrees))
+        out[self._odd], out[self._even] = -packed.imag, packed.real
+        return out
 
     def at(self, vector: Field, points: FloatArray) -> Field:
         """Values (N,) at unit vectors (N, 3)."""

@@ -183,6 +183,11 @@ class Scale:
     axis: Axis
     stops: tuple[tuple[float, float, float], ...]
 
+    @classmethod
+    def between(cls, low: float, high: float, stops: tuple[tuple[float, float, float], ...], most: int = 6) -> Scale:
+        """Colours from one value to another, evenly, with up to ``most`` ticks."""
+        return cls(linear_axis(low, high, (0.0, 0.0), most), stops)
+
 
 def colour_bar(canvas: Image.Image, room: Room, scale: Scale) -> None:
     """Draw a bar of colours from left to right, with ticks and labels below it."""

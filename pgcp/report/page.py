@@ -17,8 +17,9 @@ import numpy as np
 
 from pgcp.options import Options, Running, plain_options
 from pgcp.report.chart import linear_axis
-from pgcp.report.picture import COLD_WARM, DARK, HEAT, LIGHT, angle_histogram
+from pgcp.report.picture import angle_histogram
 from pgcp.report.scene import MOST_FACES, Packed, packed, scene_of
+from pgcp.report.seen import COLD_WARM, DARK, HEAT, LIGHT
 from pgcp.report.timeline import timeline
 from pgcp.report.words import counted, course
 from pgcp.targets.registry import TARGETS

@@ -168,13 +168,31 @@ def view(points: FloatArray, faces: IntArray, rotation: FloatArray | None = None
     return View(points, faces, np.ascontiguousarray(rotation), _box(points, faces, rotation))
 
 
-def rasterise(seen_from: View, paint: Paint, pixels: int = PIXELS) -> np.ndarray:
-    """Image (pixels, pixels, 3) of bytes; paint(face_ids (m,), weights (m, 3)) gives the colours (m, 3), 0 to 1, of pixels."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """What an image shows: face seen (pixels, pixels), -1 for none; face_ids (m,), weights (m, 3) of pixels that show one."""
+
+    seen: IntArray
+    face_ids: IntArray
+    weights: FloatArray
+
+    def painted(self, colours: np.ndarray) -> np.ndarray:
+        """Image (pixels, pixels, 3) of bytes, with colours (m, 3), 0 to 1, of those pixels, white elsewhere."""
+        return _coloured(self.seen, colours)
+
+
+def shown(seen_from: View, pixels: int = PIXELS) -> Shown:
+    """What is seen in so many pixels across."""
     low, extent, faces = seen_from.box[0], seen_from.extent, seen_from.faces
     scale = (pixels - 1) * (1 - 2 * _MARGIN) / max(float(extent.max()), 1e-300)
     shift = np.append(0.5 * (pixels - 1 - extent * scale), 0.0)
     screen = _on_screen(seen_from.points, seen_from.rotation, low, scale, shift)
     seen = _visible(screen, faces, pixels)
-    face_ids, weights = _places(screen, faces, seen)
+    return Shown(seen, *_places(screen, faces, seen))
+
+
+def rasterise(seen_from: View, paint: Paint, pixels: int = PIXELS) -> np.ndarray:
+    """Image (pixels, pixels, 3) of bytes; paint(face_ids (m,), weights (m, 3)) gives the colours (m, 3), 0 to 1, of pixels."""
+    found = shown(seen_from, pixels)
     # a flat surface seen from its side shows nothing
-    return _coloured(seen, paint(face_ids, weights) if len(face_ids) else np.empty((0, 3)))
+    return found.painted(paint(found.face_ids, found.weights) if len(found.face_ids) else np.empty((0, 3)))

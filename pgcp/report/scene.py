@@ -11,7 +11,8 @@ import numpy as np
 
 from pgcp.finish.unit_square import upright_angle
 from pgcp.parallel import in_slices
-from pgcp.report.picture import patch_colours, view_rotation
+from pgcp.report.picture import patch_colours
+from pgcp.report.seen import view_rotation
 from pgcp.report.shade import vertex_shapes
 from pgcp.surface.distortion import angle_errors, log_area_ratios
 from pgcp.surface.operators import face_areas

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 
 from pgcp.parallel import in_slices
-from pgcp.surface.operators import face_areas
+from pgcp.surface.operators import around_vertices, face_areas
 from pgcp.types import ComplexArray, FloatArray, IntArray, Mesh
 
 _TINY = 1e-290
@@ -159,3 +159,14 @@ def mean_distortion(mesh: Mesh, image: FloatArray) -> tuple[float, float]:
     total, largest, without = zip(*in_slices(ratios, len(mesh.faces)), strict=True)
     count = len(mesh.faces)
     return (sum(total) + max(largest) * sum(without)) / count, error_sum / (3 * count)
+
+
+def log_scales(areas: FloatArray, image_areas: FloatArray, faces: IntArray, count: int) -> FloatArray:
+    """Natural logarithm (V,) of length in a map over length on the surface, from areas (F,) of faces there and in the map.
+
+    Of the faces around each vertex; 0 where there is no area around it.
+    """
+    around = [around_vertices(each, faces, count) for each in (areas, image_areas)]
+    known = (around[0] > 0.0) & (around[1] > 0.0)
+    surface, image = (np.where(known, total, 1.0) for total in around)
+    return np.asarray(0.5 * np.log(image / surface))

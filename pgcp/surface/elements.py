@@ -10,7 +10,7 @@ from scipy.sparse.linalg import splu
 
 from pgcp.errors import SolveFailedError
 from pgcp.surface.equations import Field
-from pgcp.surface.operators import cotangent_laplacian, needed_mollification
+from pgcp.surface.operators import around_vertices, cotangent_laplacian, needed_mollification
 from pgcp.types import BoolArray, FloatArray, IntArray
 
 _TINY = 1e-12
@@ -18,7 +18,7 @@ _TINY = 1e-12
 
 def lumped_areas(areas: FloatArray, faces: IntArray, count: int) -> FloatArray:
     """Areas (V,) of vertices: a third of those (F,) of the faces around; never 0, but 1e-12 of the mean at the least."""
-    out = sum(np.bincount(corner, areas, count) for corner in faces.T) / 3.0
+    out = around_vertices(areas, faces, count) / 3.0
     return np.maximum(out, _TINY * max(float(areas.sum()) / count, 1e-300))
 
 

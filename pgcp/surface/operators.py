@@ -204,3 +204,8 @@ def edge_laplacian(tails: IntArray, heads: IntArray, values: FloatArray, n: int)
     columns = np.concatenate([heads, tails, tails, heads])
     data = np.concatenate([-values, -values, values, values])
     return csr_array((data, (rows, columns)), shape=(n, n))
+
+
+def around_vertices(values: FloatArray, faces: IntArray, count: int) -> FloatArray:
+    """Sums (V,) of values (F,) over the faces around each of ``count`` vertices."""
+    return np.asarray(sum(np.bincount(corner, values, count) for corner in faces.T), np.float64)

@@ -13,7 +13,7 @@ from PIL import Image
 import pgcp
 from pgcp.apps.solve import needed_degree, solve
 from pgcp.cli.apps import main
-from pgcp.plane.real_harmonics import real_harmonics
+from pgcp.plane.harmonics import real_harmonics
 from pgcp.result import Result
 from pgcp.surface.elements import Elements, lumped_areas
 from pgcp.surface.equations import EQUATIONS, Constants, evolve, rise_of
@@ -247,7 +247,7 @@ def test_a_step_that_is_too_long_ends_with_a_numerical_failure(folder, capsys):
         (["ball.ply", "--boundary-condition", "neumann"], "a closed surface has no boundary"),
         (["bust.ply", "--degree", "20"], "degree is that of spherical harmonics, and this surface is mapped to the plane"),
         (["ball.ply", "--degree", "0"], "degree is 0; it must be from 1 to 2000"),
-        (["ball.ply", "--source", "short.txt"], "short.txt: it holds 2 lines, and the mesh has 162 vertices"),
+        (["ball.ply", "--source", "short.txt"], "short.txt: it holds values of 2 vertices, and the mesh has 162"),
         (["bust.ply", "--source", "start.txt", "--equation", "heat"], "start.txt: it holds 2 values a line"),
         (["bust.ply", "--target", "sphere"], "bust.ply is an open surface (a disk)"),
     ],

@@ -12,7 +12,7 @@ from meshes import grid, icosphere, lifted, spheroid
 import pgcp
 from pgcp.apps.harmonics import expand
 from pgcp.cli.apps import main
-from pgcp.plane.real_harmonics import real_harmonics
+from pgcp.plane.harmonics import real_harmonics
 from pgcp.result import Result
 
 
@@ -133,9 +133,9 @@ def test_the_command_writes_coefficients_the_surface_and_a_picture(folder, capsy
         (["bust.ply"], "bust.ply is an open surface (a disk)"),
         (["ball.ply", "--degree", "-1"], "--degree is -1; it must be from 0 to 80"),
         (["ball.ply", "--degree", "13"], "degree 13 has 196 harmonics, more than the surface has vertices, 162"),
-        (["ball.ply", "--values", "lost.txt"], "lost.txt: there is no such file"),
-        (["ball.ply", "--values", "short.txt"], "short.txt: it holds 2 lines, and the mesh has 162 vertices"),
-        (["ball.ply", "--values", "ball.ply"], "ball.ply: it holds no table of numbers, a line for every vertex"),
+        (["ball.ply", "--values", "lost.txt"], "lost.txt: the values cannot be read: No such file or directory"),
+        (["ball.ply", "--values", "short.txt"], "short.txt: it holds values of 2 vertices, and the mesh has 162"),
+        (["ball.ply", "--values", "ball.ply"], "ball.ply: byte "),
         (["ball.ply", "--target", "disk"], "this needs a map to the target sphere, and --target disk asks for another"),
     ],
 )

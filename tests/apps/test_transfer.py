@@ -196,11 +196,13 @@ def test_the_command_writes_places_values_and_a_picture(files, capsys):
 
 
 def test_colours_of_a_file_are_carried(files):
-    from pgcp.apps.common.values import ply_of
+    from pgcp.apps.common.values import mesh_with
 
     one = pgcp.read_mesh("one.ply")
     red = np.where(one.vertices[:, 2] > 0, 250, 10).astype(np.uint8)
-    (files / "painted.ply").write_bytes(ply_of(one, {"red": red, "green": red, "blue": 0 * red}))
+    (files / "painted.ply").write_bytes(
+        mesh_with("painted.ply", one, {"red": red, "green": red, "blue": 0 * red})["painted.ply"]
+    )
     assert main(["transfer", "painted.ply", "two.ply", "--patches", "2", "--quiet", "-o", "on_b.ply", "-o", "it.png"]) == 0
     there = pgcp.apps.common.pairs.surface_of("on_b.ply").source.of_vertices
     height = TURN.inv().apply((pgcp.read_mesh("two.ply").vertices - SHIFT) / 2.0)[:, 2]

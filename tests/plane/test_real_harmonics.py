@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pgcp.plane.real_harmonics import degree_and_order, fitted, power_by_degree, real_harmonics
+from pgcp.plane.harmonics import degree_and_order, fitted, power_by_degree, real_harmonics
 
 
 def directions(count, seed=0):
@@ -64,6 +64,7 @@ def test_a_grid_gives_coefficients_back_and_integrates_cubes():
     assert grid.analysis(values) == pytest.approx(vector)
     assert grid.weights @ values**2 == pytest.approx(vector @ vector)
     assert grid.at(vector, grid.points) == pytest.approx(values)
+    assert real_harmonics(12, grid.points) @ vector == pytest.approx(values)
     complex_ones = vector * (1 - 2j)
     assert grid.analysis(grid.synthesis(complex_ones)) == pytest.approx(complex_ones)
     assert sorted(set(grid.degrees)) == list(range(13))

@@ -10,8 +10,9 @@ from PIL import Image
 
 import pgcp
 from pgcp.report.chart import _legible, linear_axis, log_axis, plain
-from pgcp.report.picture import _sample, draw, view_rotation
+from pgcp.report.picture import draw
 from pgcp.report.raster import _places, _visible, rasterise, view
+from pgcp.report.seen import sample_of, view_rotation
 from pgcp.report.shade import _darkness, _mercator, in_colours, lit, vertex_shapes
 
 
@@ -205,8 +206,8 @@ def test_a_flat_surface_from_its_side_shows_nothing():
 
 def test_samples_are_even_and_take_faces_of_a_pair_alike():
     faces = np.arange(3000).reshape(-1, 3)
-    assert _sample(faces, 1000)[1] == 1
-    sample, step = _sample(faces, 100)
+    assert sample_of(faces, 1000)[1] == 1
+    sample, step = sample_of(faces, 100)
     assert len(sample) <= 100
     assert step == 11
     assert abs((sample[:, 0] // 3 % 2).mean() - 0.5) < 0.01

@@ -8,13 +8,15 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
+from pgcp.apps.common.values import carried, checked
 from pgcp.errors import InputError
+from pgcp.finish.shape import diagonal
 from pgcp.plane import align
-from pgcp.plane.harmonics import harmonic_coefficients, measure_coefficients, sphere_grid
+from pgcp.plane.harmonics import projected, sphere_grid
 from pgcp.plane.locate import Places
 from pgcp.plane.space import PLANE
 from pgcp.result import Result
-from pgcp.surface.operators import face_areas
+from pgcp.surface.operators import around_vertices, face_areas
 from pgcp.targets.registry import TARGETS
 from pgcp.types import ComplexArray, FloatArray, IntArray, Positions
 
@@ -61,18 +63,6 @@ class Correspondence:
         return self.to_a(self.to_b(values))
 
 
-def carried(values: Any, faces: IntArray, places: Places) -> np.ndarray:
-    """Values (V, ...) at vertices as values (N, ...) at places on faces (F, 3).
-
-    Numbers are interpolated linearly; whole numbers and truth values are those of the corner with the most weight.
-    """
-    values = np.asarray(values)
-    corners = faces[places.faces]
-    if values.dtype.kind in "iub":
-        return values[np.take_along_axis(corners, places.weights.argmax(axis=1)[:, None], axis=1)[:, 0]]
-    return np.asarray(np.einsum("nk,nk...->n...", places.weights, values[corners]))
-
-
 class _Domain(Protocol):
     """A map that is centred, with a value at every vertex, which is compared, and a weight.
 
@@ -103,8 +93,7 @@ class _Domain(Protocol):
 def vertex_areas(points: FloatArray, faces: IntArray) -> FloatArray:
     """A third (V,) of the areas of the faces around every vertex, as a share of all."""
     areas = face_areas(points, faces)
-    out = sum(np.bincount(corner, areas, len(points)) for corner in faces.T)
-    return np.asarray(out / (3.0 * areas.sum()), np.float64)
+    return around_vertices(areas, faces, len(points)) / (3.0 * float(areas.sum()))
 
 
 def _ranked(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, float]:
@@ -144,9 +133,9 @@ class _Ball:
 
     def turns(self, other: _Ball) -> list[FloatArray]:
         """See _Domain."""
-        grid = sphere_grid(_DEGREE)
-        values = [harmonic_coefficients(each.at(grid), _DEGREE) for each in (self, other)]
-        areas = [measure_coefficients(each.points, each.areas, _DEGREE) for each in (self, other)]
+        grid, weights = sphere_grid(_DEGREE)
+        values = [projected(_DEGREE, grid, weights * each.at(grid)) for each in (self, other)]
+        areas = [projected(_DEGREE, each.points, each.areas) for each in (self, other)]
         return [turn for one, two in (values, areas) for turn in align.turns_of_sphere(one, two, _TRIED)]
 
     def finer(self, other: _Ball, start: FloatArray, sample: IntArray, most: int) -> tuple[FloatArray, float]:
@@ -251,23 +240,10 @@ def matched(
             raise InputError("to align by values, values of both surfaces are needed")
         given: list[FloatArray | None] = [None, None]
         if values is not None and align_by == VALUES:
-            given = [_checked(each, one) for each, one in zip((a, b), values, strict=True)]
+            given = [checked(one, each).astype(np.float64) for each, one in zip((a, b), values, strict=True)]
         moebius, record = _by_likeness(a, b, given)
         record = {"by": align_by, **record}
     return _corresponding(a, b, moebius, record)
-
-
-def _checked(result: Result, values: Any) -> FloatArray:
-    """Values (V,) as floats; raises InputError where they have another shape or are no finite numbers."""
-    found = np.asarray(values)
-    count = len(result.mesh.vertices)
-    if found.shape != (count,) or found.dtype.kind not in "iufb":
-        raise InputError(
-            f"values of {result.mesh.name} have shape {found.shape} and type {found.dtype}, expected ({count},) numbers"
-        )
-    if not np.isfinite(found).all():
-        raise InputError(f"value {int(np.flatnonzero(~np.isfinite(found))[0])} of {result.mesh.name} is no finite number")
-    return found.astype(np.float64)
 
 
 def _by_likeness(a: Result, b: Result, values: list[FloatArray | None]) -> tuple[ComplexArray, dict[str, Any]]:
@@ -335,14 +311,14 @@ def _corresponding(a: Result, b: Result, moebius: ComplexArray, record: Mapping[
     said = dict(record)
     if "pairs" in said:
         pairs = np.array(said["pairs"])
-        away = np.linalg.norm(on_b.points[pairs[:, 0]] - b.mesh.vertices[pairs[:, 1]], axis=1) / diagonal(b)
+        away = np.linalg.norm(on_b.points[pairs[:, 0]] - b.mesh.vertices[pairs[:, 1]], axis=1) / diagonal(b.mesh)
         said |= {"mean_distance": float(away.mean()), "max_distance": float(away.max())}
     return Correspondence(a, b, moebius, on_b, on_a, said)
 
 
-def diagonal(result: Result) -> float:
-    """Length of the diagonal of the box around a surface's faces."""
-    return float(np.linalg.norm(np.ptp(result.mesh.vertices[np.unique(result.faces)], axis=0)))
+def spread(errors: FloatArray) -> dict[str, float]:
+    """Mean, 95 % and greatest of errors."""
+    return {"mean": float(errors.mean()), "p95": float(np.quantile(errors, 0.95)), "max": float(errors.max())}
 
 
 def alignment_line(record: Mapping[str, Any]) -> str:

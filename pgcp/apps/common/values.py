@@ -1,17 +1,19 @@
-"""Values at vertices that go from one surface to another: where they come from, and how they are written."""
+"""Values at vertices: where they come from, how they are numbered on a map and carried to another surface, and written."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
+from pgcp.api import surface_of
+from pgcp.errors import InputError
 from pgcp.io.given import COLOURS, GivenParts, as_unit, given_parts, has_colours
-from pgcp.io.ply_write import write_ply
+from pgcp.io.write import mesh_files
+from pgcp.plane.locate import Places
 from pgcp.result import Result
-from pgcp.types import Columns, FloatArray, Mesh, Source
+from pgcp.types import Columns, FloatArray, IntArray, Mesh, Source
 
 _OF_THE_SHAPE = {"x", "y", "z", "nx", "ny", "nz", "s", "t", "u", "v", "texture_u", "texture_v", "sx", "sy", "sz", "alpha"}
 _KEPT = {"i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"}  # types that PLY files have
@@ -24,10 +26,45 @@ def own_values(result: Result) -> dict[str, np.ndarray]:
     return {name: values for name, values in found.items() if name not in _OF_THE_SHAPE and values.dtype.kind in "iufb"}
 
 
+def source_of(given: Any) -> tuple[Mesh | Source, int]:
+    """What a mesh that is given is mapped from, read once, and how many vertices it has; raises as ``surface_of`` does."""
+    surface = surface_of(given)
+    mesh = surface.cut.mesh
+    return (mesh if surface.source is None else surface.source), len(mesh.vertices)
+
+
 def of_input(result: Result, values: Mapping[str, Any]) -> dict[str, np.ndarray]:
     """Values by the input's vertices as values by those of the map."""
-    some = slice(None) if result.vertex_of is None else result.vertex_of
+    some: Any = result.vertex_of
+    if some is None:
+        some = slice(None) if result.origin is None else result.origin.vertex_of
     return {name: np.asarray(one)[some] for name, one in values.items()}
+
+
+def checked(values: Any, result: Result, called: str = "values", kinds: str = "iufb", most: int = 1) -> np.ndarray:
+    """Values (V, ...) at a map's vertices as an array of at most so many dimensions, of numbers of these kinds.
+
+    Raises InputError where it is no such array, or has what is no finite number.
+    """
+    found, count = np.asarray(values), len(result.mesh.vertices)
+    if found.dtype.kind not in kinds or found.shape[:1] != (count,) or len(found.shape) > most:
+        said = f"{called} have shape {found.shape} and type {found.dtype}"
+        raise InputError(f"{said}, but {result.mesh.name} has {count} vertices, each of which needs a number")
+    if not np.isfinite(found).all():
+        raise InputError(f"{called} of {result.mesh.name} hold what is no finite number")
+    return found
+
+
+def carried(values: Any, faces: IntArray, places: Places) -> np.ndarray:
+    """Values (V, ...) at vertices as values (N, ...) at places on faces (F, 3).
+
+    Numbers are interpolated linearly; whole numbers and truth values are those of the corner with the most weight.
+    """
+    values = np.asarray(values)
+    corners = faces[places.faces]
+    if values.dtype.kind in "iub":
+        return values[np.take_along_axis(corners, places.weights.argmax(axis=1)[:, None], axis=1)[:, 0]]
+    return np.asarray(np.einsum("nk,nk...->n...", places.weights, values[corners]))
 
 
 def carried_columns(columns: Columns, carry: Callable[[Any], np.ndarray]) -> dict[str, np.ndarray]:
@@ -42,9 +79,15 @@ def carried_columns(columns: Columns, carry: Callable[[Any], np.ndarray]) -> dic
 
 
 def flat_columns(columns: Columns) -> dict[str, np.ndarray]:
-    """The same as single columns (V,) of types that PLY files have: ``name_1``, ``name_2`` where there were several."""
-    out = {}
+    """The same as single columns (V,) of types that PLY files have: ``name_1``, ``name_2`` where there were several.
+
+    Complex ones are two, ``name_real`` and ``name_imag``.
+    """
+    out: dict[str, np.ndarray] = {}
     for name, values in columns.items():
+        if values.dtype.kind == "c":
+            out |= flat_columns({f"{name}_real": values.real, f"{name}_imag": values.imag})
+            continue
         own = f"value_{name}" if name in _OF_THE_SHAPE else name
         rows = values.reshape(len(values), -1)
         kind = rows.dtype.str[1:]
@@ -61,7 +104,13 @@ def place_colours(points: FloatArray) -> dict[str, np.ndarray]:
     return dict(zip(COLOURS, shares.T, strict=True))
 
 
-def colours_of(columns: Columns) -> FloatArray | None:
+def own_colours(result: Result) -> dict[str, np.ndarray]:
+    """Colours of the vertices that the file of a map's mesh has, none where it has none."""
+    own = own_values(result)
+    return {name: own[name] for name in COLOURS} if has_colours(own) else {}
+
+
+def colours_in(columns: Columns) -> FloatArray | None:
     """Colours (V, 3) from 0 to 1, None where there are none."""
     return as_unit(columns) if has_colours(columns) else None
 
@@ -74,12 +123,9 @@ def first_field(columns: Columns) -> tuple[str, FloatArray] | None:
     return None
 
 
-def ply_of(mesh: Mesh, columns: Columns) -> bytes:
-    """A binary PLY file of a mesh with values at its vertices."""
-    count = len(mesh.vertices)
+def mesh_with(name: str, mesh: Mesh, columns: Columns, **coordinates: FloatArray) -> dict[str, bytes]:
+    """Contents of a PLY or VTP file, by its name, of a mesh with values at its vertices, and coordinates by their name."""
     source = Source(mesh.vertices, mesh.faces.reshape(-1), of_vertices=flat_columns(columns))
     corners = np.arange(mesh.faces.size).reshape(-1, 3)
-    given = GivenParts(source, np.arange(count), corners, mesh.faces)
-    stream = io.BytesIO()
-    write_ply(stream, {"vertices": mesh.vertices, "faces": mesh.faces, "given": given})
-    return stream.getvalue()
+    given = GivenParts(source, np.arange(len(mesh.vertices)), corners, mesh.faces)
+    return mesh_files(name, mesh, given=given, **coordinates)  # type: ignore[arg-type]
