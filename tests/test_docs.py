@@ -128,7 +128,11 @@ def run_program(text, folder):
         exec(compile(text, "program of the page", "exec"), {"__name__": "__main__"})
 
 
-@pytest.mark.parametrize("page", [name for name, text in PAGE.items() if {"sh", "python"} & {kind for kind, _ in blocks(text)}])
+LONG = {"app-morph", "app-remesh", "app-solve", "app-transfer"}
+RUN = [name for name, text in PAGE.items() if {"sh", "python"} & {kind for kind, _ in blocks(text)}]
+
+
+@pytest.mark.parametrize("page", [pytest.param(name, marks=[pytest.mark.slow] if name in LONG else []) for name in RUN])
 def test_commands_and_programs_of_a_page_run_one_after_the_other(page, meshes, tmp_path, monkeypatch):
     folder = tmp_path / "here"
     shutil.copytree(meshes, folder)

@@ -111,7 +111,7 @@ def check(mesh, target, patches, seed):
 
 @pytest.mark.parametrize("target", ["free", "disk"])
 def test_random_disks_have_maps_without_folds(target):
-    @often(15)
+    @often(8)
     @given(disks(), st.integers(1, 12), st.integers(0, 5))
     def run(mesh, patches, seed):
         check(mesh, target, patches, seed)

@@ -54,6 +54,7 @@ def test_a_sphere_stays_and_a_spheroid_becomes_one():
     assert errors[1] < 0.35 * errors[0] < 0.1
 
 
+@pytest.mark.slow
 def test_cuts_do_not_matter():
     mesh = spheroid(2, 1.4)[0]
     two, four = (mapped(mesh, patches=patches, flow_step=0.5).coordinates for patches in (2, 4))

@@ -25,6 +25,7 @@ def cache(tmp_path, monkeypatch):
     return tmp_path / "cache"
 
 
+@pytest.mark.slow
 def test_no_run_compiles_what_is_not_listed():
     command = [sys.executable, ROOT / "scripts" / "kernels.py", "--check"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)

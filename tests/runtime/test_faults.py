@@ -240,7 +240,7 @@ def pause_in_first_pass(place, arguments, seconds):
     assert place.end_of(process) == GOOD
 
 
-@pytest.mark.parametrize("seconds", [5, pytest.param(60, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seconds", [pytest.param(seconds, marks=pytest.mark.slow) for seconds in (5, 60)])
 def test_a_paused_worker_goes_on(seconds, cluster, place, reference):
     cluster.have_workers(2)
     pause_in_first_pass(place, ("--scheduler", cluster.address), seconds)
@@ -745,10 +745,9 @@ def test_where_and_how_a_run_runs_does_not_make_it_another(place, reference, wat
 
 
 def test_two_runs_at_once_do_not_disturb_each_other(place, reference):
-    place.hold("weld", 0, 2)
+    place.hold("weld", 0, 2 * PATCHES)  # all: the first run may begin several before the second is there
     both = [place.start("--quiet", "--resume", "--output-dir", name) for name in ("hills_pgcp", "other")]
-    for number, process in enumerate(both):
-        place.held(process, "weld", number)
+    wait_until(lambda: len({words[-1] for words in place.lines("held", "weld")}) == 2, "welds of both runs")
     assert len(place.runs()) == 2
     place.go()
     assert [place.end_of(process) for process in both] == [GOOD, GOOD]

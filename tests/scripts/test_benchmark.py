@@ -52,6 +52,7 @@ def test_the_solution_of_the_yardstick_is_checked(hills_file, tmp_path, monkeypa
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_contestants_run_in_turns_and_every_run_is_told(hills_file, table_of, tmp_path, capsys):
     copy = f"{sys.executable} -c 'import shutil, sys; shutil.copy(*sys.argv[1:])' {{mesh}} {{out}}"
     against = ["--against", "scipy", "--external", copy, "--repeat", "2", "--workers", "0"]
