@@ -419,6 +419,7 @@ def test_workers_without_this_package_are_said(cluster):
         executor.map(Tasks("fail", test_errors_cross_processes, [1]))
 
 
+@pytest.mark.slow  # the command is asked the same
 def test_no_scheduler_at_the_address_is_said():
     with pytest.raises(errors.InputError, match="no dask scheduler answers"):
         DaskExecutor("x", scheduler=f"tcp://127.0.0.1:{free_port()}")

@@ -37,7 +37,7 @@ def command(folder, *words, before=lambda: None):
     return done.returncode, done.stdout, without_progress(done.stderr)
 
 
-@pytest.mark.parametrize("words", [(), ("--json",), ("--quiet", "--workers", "1")])
+@pytest.mark.parametrize("words", [(), pytest.param(("--json",), marks=pytest.mark.slow), ("--quiet", "--workers", "1")])
 @pytest.mark.parametrize("closed", [(1,), (0, 1, 2)])
 def test_closed_streams_are_no_matter(closed, words, mesh_file, tmp_path):
     assert command(tmp_path, mesh_file, "--output-dir", "out", *QUIET, *words, before=lambda: list(map(os.close, closed))) == (

@@ -111,7 +111,9 @@ def test_what_is_collapsed_keeps_the_rest():
     assert len(np.unique(mended.mesh.vertices, axis=0)) >= len(mended.mesh.vertices) - 40
 
 
-@pytest.mark.parametrize("noise", [1e-15, 1e-12, 1e-9])
+@pytest.mark.parametrize(
+    "noise", [pytest.param(1e-15, marks=pytest.mark.slow), 1e-12, pytest.param(1e-9, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("options", [{"target": "disk"}, {"flatten": "scp"}, {"method": "scp"}])
 def test_faces_of_nearly_no_area_give_no_warning(options, noise):
     mesh = half(snapped(icosphere(4), 8, noise))

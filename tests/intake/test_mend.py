@@ -348,7 +348,7 @@ def polygon(n, depth=0.0):
     return np.column_stack([np.cos(angle), np.sin(angle), depth * np.cos(3 * angle)])
 
 
-@pytest.mark.parametrize("n", [3, 4, 5, 12, 60, 301, 420])
+@pytest.mark.parametrize("n", [3, 4, 5, 12, 60, *(pytest.param(n, marks=pytest.mark.slow) for n in (301, 420))])
 def test_a_loop_is_filled_with_as_many_triangles_as_it_takes(n):
     points = polygon(n)
     triangles = triangulate_loop(points, np.zeros((n, n), bool))

@@ -19,7 +19,7 @@ def by_all_pairs(z):
 def test_crossings_are_those_of_all_pairs(n):
     rng = np.random.default_rng(n)
     seen = set()
-    for _ in range(40 if n < 100 else 8):
+    for _ in range(40 if n < 100 else 4):
         z = np.exp(2j * np.pi * np.arange(n) / n) * (1 + 0.9 * rng.uniform(-1, 1, n)) + rng.choice([0, 0.3]) * rng.normal(
             size=n
         )

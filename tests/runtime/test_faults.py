@@ -39,6 +39,7 @@ ONCE = Counter(
     | {("solve", k): 1 for k in range(PATCHES)}
 )
 STAGES = ("flatten", "weld", "solve")
+ONE_STAGE = [pytest.param(stage, marks=[] if stage == "weld" else [pytest.mark.slow]) for stage in STAGES]
 GOOD = (0, "")
 
 
@@ -134,7 +135,7 @@ def test_local_workers_killed_in_every_stage_are_replaced(place, reference):
     assert place.done() == ONCE
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", ONE_STAGE)
 def test_what_a_killed_worker_had_not_yet_said_is_not_done_again(stage, cluster, place, reference):
     cluster.have_workers(2)
     place.hold(stage, what="late")
@@ -145,7 +146,7 @@ def test_what_a_killed_worker_had_not_yet_said_is_not_done_again(stage, cluster,
     assert place.done() == ONCE
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", ONE_STAGE)
 def test_another_worker_takes_over_from_a_killed_one(stage, cluster, place, reference):
     cluster.have_workers(2)
     place.hold(stage)
@@ -284,7 +285,10 @@ def test_a_scheduler_that_is_started_again_goes_on(seconds, own_cluster, place, 
 
 @pytest.mark.parametrize(
     ("lost", "words"),
-    [("scheduler", "stage flatten: the scheduler does not answer"), ("workers", "stage flatten: there is no worker any more")],
+    [
+        pytest.param("scheduler", "stage flatten: the scheduler does not answer", marks=pytest.mark.slow),
+        ("workers", "stage flatten: there is no worker any more"),
+    ],
 )
 def test_a_cluster_lost_for_good_stops_the_run(lost, words, own_cluster, place, reference):
     process = two_patches_flattened(place, own_cluster, patience=2)
